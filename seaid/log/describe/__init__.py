@@ -29,8 +29,8 @@ from seaid.log.describe.joints import (
     every_joint,
     is_sensor,
     joint_names,
-    quantities_of,
     take_bare_names,
+    take_quantities,
 )
 from seaid.log.describe.names import Meaning, in_file, is_of_commands, meaning_of
 from seaid.log.description import Clock, LogDescription, Source
@@ -174,7 +174,7 @@ def describe_log(
             f"'{' + '.join(map(str, paths))}': no column looks like the position of a joint; "
             f"columns are {about}"
         )
-    drafts = {joint: quantities_of(inference, joint) for joint in dict.fromkeys(names.values())}
+    drafts = {joint: take_quantities(inference, joint) for joint in dict.fromkeys(names.values())}
     joints = _with_clocks(drafts, clocks, names, table.files)
     gains = _gains(samples, inference, joints)
     check_used(inference, drafts, {x for clock in clocks.values() for x in clock.columns()})

@@ -27,8 +27,7 @@ from seaid.log.describe.names import (
     PLANAR,
     Meaning,
     is_commanded,
-    is_contact,
-    is_elsewhere,
+    is_of_base,
     kind_of,
     meaning_of,
     nearest,
@@ -183,7 +182,7 @@ class _Search:
         if not lacking:
             return [x for x in "wxyz" if x in parts]
         is_vector = len(lacking) == 1 and self.floating.normal is None and kind_of(stem)
-        if is_vector and not is_elsewhere(stem):
+        if is_vector and not _is_elsewhere(stem):
             self.note(stem, "no_axis", axis=lacking[0])
         return []
 
@@ -276,7 +275,7 @@ class _Search:
     def take_vector(self, vector: Vector) -> None:
         """Take a vector for what its name and its samples say."""
         width, kind = len(vector.columns), kind_of(vector.stem)
-        if is_contact(vector.stem) or is_elsewhere(vector.stem):
+        if is_of_base(vector.stem, "contact") or _is_elsewhere(vector.stem):
             return
         if width in (4, 7) and self.is_quaternion(vector.columns[-4:]):
             order: Order | None = "wxyz" if width == 4 and not vector.is_array else None
@@ -336,9 +335,11 @@ class _Search:
         links = [link for link in every if ("contacts", link) not in tables]
         for name in self.inference.data:
             label = self.table.label(name)
-            if is_contact(label) and (link := nearest(label, every)[0]) in links:
+            if is_of_base(label, "contact") and (link := nearest(label, every)[0]) in links:
                 self._take_contact(link, name)
-        arrays = [x for x in vectors if is_contact(x.stem) and len(x.columns) == len(links)]
+        arrays = [
+            x for x in vectors if is_of_base(x.stem, "contact") and len(x.columns) == len(links)
+        ]
         if arrays and tables.keys() <= {("base",)}:
             for link, name in zip(links, arrays[0].columns, strict=True):
                 self._take_contact(link, name)
@@ -500,6 +501,11 @@ _STATES: dict[tuple[int, str], dict[str, slice]] = {
     (3, "velocity"): {"velocity": slice(2), "angular_velocity": slice(2, 3)},
 }
 """{(columns of the base, quantity): {its vectors: their columns}} of generalised coordinates."""
+
+
+def _is_elsewhere(name: str) -> bool:
+    """Return whether a name is that of a command, or of a vector that the base does not have."""
+    return is_of_base(name, "no_vector") or is_commanded(name)
 
 
 def _rotations(quaternions: Array, order: Order) -> Rotation:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -252,19 +252,14 @@ def _in_order(labels: Sequence[str], joints: Sequence[str], inference: Inference
         names = (x or "columns without a joint" for x in labels[: len(joints)])
         inference.note(", ".join(names), "in_order")
     if not all(map(_number_in, labels)) and not len(labels) == len(joints) == 1:
-        _note_guesses(labels, inference)
+        for name, meaning in inference.meanings.items():
+            if meaning.joint in labels and is_sensor(meaning):
+                inference.note(name, "guessed_joint")
     return dict(zip(labels, joints, strict=False))
 
 
-def _note_guesses(labels: Sequence[str], inference: Inference) -> None:
-    """Note the sensors of joints whose labels say nothing of their order."""
-    for name, meaning in inference.meanings.items():
-        if meaning.joint in labels and is_sensor(meaning):
-            inference.note(name, "guessed_joint")
-
-
-def quantities_of(inference: Inference, joint: str) -> dict[str, Source]:
-    """Return {quantity: its source} of a joint."""
+def take_quantities(inference: Inference, joint: str) -> dict[str, Source]:
+    """Take the columns of a joint, and return {quantity: its source}."""
     columns = _Columns(inference, joint)
     columns.add_positions()
     has_both = len(columns.sources) == 2
@@ -286,13 +281,17 @@ _USUAL_UNITS = {
 """{quantity: the unit of its columns that a description need not state}."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Columns:
     """The columns of one joint, and the sources that were selected of them."""
 
     inference: Inference
     joint: str
-    sources: dict[str, Source] = field(default_factory=dict)
+
+    @property
+    def sources(self) -> dict[str, Source]:
+        """The sources of the joint."""
+        return self.inference.tables["joints", self.joint]
 
     def having(self, quantity: str, *sides: str, role: Role = "measured") -> list[str]:
         """Return the columns of a quantity of the joint, by default the measured ones."""
@@ -324,10 +323,11 @@ class _Columns:
         self.sources[quantity] = replace(like or Source(), columns=(column,), **more)
         self.note(column, doubt)
 
-    def note_others(self, what: str, columns: Sequence[str]) -> None:
-        """Note that the first of several columns was taken."""
+    def first(self, what: str, columns: Sequence[str]) -> list[str]:
+        """Return the first of several columns, if any; note the others."""
         if len(columns) > 1:
             self.note(columns[0], "several", what=what, columns=", ".join(columns))
+        return [*columns[:1]]
 
     def add_positions(self) -> None:
         """Add the positions of motor and joint, with their units."""
@@ -335,17 +335,16 @@ class _Columns:
         if load and not motor:
             motor, load = self._sides_by_range(load)
         for quantity, columns in (("motor_position", motor), ("joint_position", load)):
-            if columns:
-                self.take(quantity, columns[0])
-                self.note_others("positions", columns)
-        for quantity, source in reversed([*self.sources.items()]):
-            unit = self._position_unit(source.column, quantity)
-            self.sources[quantity] = replace(source, **unit)
+            for column in self.first("positions", columns):
+                self.take(quantity, column, **self._position_unit(column, quantity))
         if [source.unit for source in self.sources.values()] == [None, "deg"]:
             self.sources["motor_position"] = replace(self.sources["motor_position"], unit="deg")
             self.note(motor[0], "also_degrees")
-        if [*self.sources] == ["joint_position"]:
-            self._note_side(self.sources["joint_position"])
+        if [*self.sources] == ["joint_position"] and not self.meaning(load[0]).side:
+            # Usual is the side of the joint, within its limits.
+            factor = POSITION_FACTORS.get(self.sources["joint_position"].unit or "rad", np.nan)
+            fits = self.inference.is_within(load[0], factor, self.joint)
+            self.note(load[0], "joint_side", is_usual=fits and not self.inference.is_of_a_drive)
 
     def _sides_by_range(self, names: list[str]) -> tuple[list[str], list[str]]:
         """Return motor positions and joint positions, if no name states the motor's side."""
@@ -356,14 +355,6 @@ class _Columns:
             self.note(large, "moves_farther", column=small)
             return [large], [small]
         return [], names
-
-    def _note_side(self, source: Source) -> None:
-        """Note the side of an only position: usual is that of the joint, within its limits."""
-        if not self.meaning(source.column).side:
-            factor = POSITION_FACTORS.get(source.unit or "rad", np.nan)
-            fits = self.inference.is_within(source.column, factor, self.joint)
-            is_usual = fits and not self.inference.is_of_a_drive
-            self.note(source.column, "joint_side", is_usual=is_usual)
 
     def _position_unit(self, column: str, quantity: str) -> dict[str, Any]:
         """Return the arguments for the unit of a position, none for rad."""
@@ -414,22 +405,21 @@ class _Columns:
         return unit
 
     def add_deflection(self) -> None:
-        """Add the deflection of the spring, if only one side has an encoder."""
+        """Add the deflection of the spring, if only one side has an encoder.
+
+        By (4a) the torque of the spring grows with its deflection, motor side less joint side.
+        """
         for name in self.having("deflection")[:1] if self.sources else ():
             if len(self.sources) == 2:
                 self.note(name, "redundant")
-            else:
-                self._add_deflection(name)
-
-    def _add_deflection(self, name: str) -> None:
-        """Add a deflection with the sign by which the torque of the spring grows with it."""
-        data, drives = self.inference.data, self.having("torque") or self.having("current")
-        # By (4a) the torque of the spring grows with its deflection, motor side less joint side.
-        pulls = sum(correlation(data[drive], data[name]) for drive in drives[:1])
-        if self.meaning(name).unit is None and np.ptp(self.inference.finite(name)) > _FAR:
-            self.note(name, "far_deflection")
-        self.take("deflection", name, sign=-1 if pulls < 0 else 1)
-        self.note(name, "deflection_by" if pulls else "deflection_sign", drive=listed(drives[:1]))
+                continue
+            data, drives = self.inference.data, self.having("torque") or self.having("current")
+            pulls = sum(correlation(data[drive], data[name]) for drive in drives[:1])
+            if self.meaning(name).unit is None and np.ptp(self.inference.finite(name)) > _FAR:
+                self.note(name, "far_deflection")
+            self.take("deflection", name, sign=-1 if pulls < 0 else 1)
+            doubt = "deflection_by" if pulls else "deflection_sign"
+            self.note(name, doubt, drive=listed(drives[:1]))
 
     def add_torques(self) -> None:
         """Add the torque of each side; estimates, or else commands, of a drive if that is all."""
@@ -537,15 +527,15 @@ class _Columns:
         if abs(abs(ratio / known) - 1) > SCALE_SPREAD:
             self.note(self.joint, "gear_ratio", ratio=ratio)
         if ratio < 0:
-            self._turn()
-
-    def _turn(self) -> None:
-        """Negate what is on the motor's side of the gear."""
-        # Position and effort of the motor turn together, so that their power keeps its sign; a
-        # torque that was converted to the joint has the joint's sign already.
-        sides = {x: y for x, y in self.sources.items() if x in _MOTOR_SIDE and y.side != "joint"}
-        self.sources |= {x: replace(source, sign=-source.sign) for x, source in sides.items()}
-        self.note(listed(source.column for source in sides.values()), "turns_against")
+            # Position and effort of the motor turn together, so that their power keeps its sign; a
+            # torque that was converted to the joint has the joint's sign already.
+            of_motor = [x for x in self.sources if x in _MOTOR_SIDE]
+            turned = [x for x in of_motor if self.sources[x].side != "joint"]
+            for quantity in turned:
+                source = self.sources[quantity]
+                self.sources[quantity] = replace(source, sign=-source.sign)
+            columns = (self.sources[quantity].column for quantity in turned)
+            self.note(listed(columns), "turns_against")
 
     def _in_si(self, source: Source) -> Array:
         """Return the samples of a position in rad or m, NaN for an unknown unit."""
@@ -581,10 +571,9 @@ class _Columns:
     def _add_commands(self, names: Mapping[str, list[str]], leading: str) -> None:
         """Add the first command of each quantity, the position in the unit of the measured one."""
         for kind, columns in names.items():
-            if columns:
+            for column in self.first("commands", columns):
                 like = self.sources["joint_position"] if kind == "position" else None
-                self.take(f"{kind}_command", columns[0], like=like)
-                self.note_others("commands", columns)
+                self.take(f"{kind}_command", column, like=like)
         self.note(names[leading][0], "command", kind=leading)
         computed = self.having("torque", role="derived")
         for name in names["torque"][:1] or computed:
@@ -594,11 +583,11 @@ class _Columns:
         """Add the temperature of the motor: one that says so, else the first of the joint."""
         electronics = "|".join(vocabulary().roles["electronics"])
         names = [x for x in self.having("temperature") if not re.search(electronics, x.lower())]
-        if not names:
-            return
-        name = next((x for x in names if self.meaning(x).side == "motor"), names[0])
-        self.take("motor_temperature", name)
-        if self.meaning(name).unit is None and np.median(self.inference.finite(name)) > _KELVIN:
-            self.take("motor_temperature", name, "kelvin", unit="K")
-        if self.meaning(name).side != "motor":
-            self.note(name, "temperature", is_usual=len(names) == 1)
+        for name in sorted(names, key=lambda x: self.meaning(x).side != "motor")[:1]:
+            is_hot = bool(np.median(self.inference.finite(name)) > _KELVIN)
+            if self.meaning(name).unit is None and is_hot:
+                self.take("motor_temperature", name, "kelvin", unit="K")
+            else:
+                self.take("motor_temperature", name)
+            if self.meaning(name).side != "motor":
+                self.note(name, "temperature", is_usual=len(names) == 1)

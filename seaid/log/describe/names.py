@@ -14,7 +14,7 @@ import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import filterfalse, pairwise, starmap
+from itertools import chain, filterfalse, pairwise, starmap
 from pathlib import Path
 from typing import Any, Literal
 
@@ -177,8 +177,7 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     unit, joint = _unit_and_joint(parts, quantity, side, joint)
     if quantity == "time" and _has(parts.texts, "computed"):  # "T_des" is a torque
         quantity = "torque"
-    of_topic = (text for part in parts.topic for text in part.texts)  # "/state/desired/q[0]"
-    texts = [*parts.texts, *of_topic]
+    texts = [*parts.texts, *chain.from_iterable(parts.topic)]  # "/state/desired/q[0]"
     of_unit, spelling = unit or ("", None)
     return Meaning(
         quantity=quantity or of_unit,
@@ -202,23 +201,17 @@ def _role(texts: Sequence[str], quantity: str) -> Role:
 
 
 @dataclass(frozen=True)
-class _TopicPart:
-    """A part of a topic: the robot's joint that it is, its label, and the texts of its words."""
-
-    joint: str
-    label: str
-    texts: list[str]
-
-
-@dataclass(frozen=True)
 class _Parts:
     """The parts of a name: a topic, the field behind it, and what stands in its brackets.
 
-    `words` are those of the field without its joint, with the quantity for a unit that stands for
-    it, and `texts` are the words as written; `joint` is that of the brackets, or of the robot.
+    `topic` has the texts of the words of each part, the last one first, and `of_topic` the joint or
+    the label that they name. `words` are those of the field without its joint, with the quantity
+    for a unit that stands for it, and `texts` are the words as written; `joint` is that of the
+    brackets, or of the robot.
     """
 
-    topic: list[_TopicPart]
+    topic: list[list[str]]
+    of_topic: str
     field: str
     words: list[_Word]
     texts: list[str]
@@ -232,7 +225,9 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
     """Return the parts of a name."""
     head, label, unit = _without_brackets(name)
     path = head.split("/") if head.startswith("/") else [head]
-    topic = [_topic_part(part, joints) for part in path[1:-1]]
+    named = [_topic_part(part, joints) for part in reversed(path[1:-1])]
+    owners = [x[0] for x in named] + [x for _, x, _ in named if len(named) > 1 or x.isdigit()]
+    topic, of_topic = [texts for *_, texts in named], next(filter(None, owners), "")
     field = _in_latin(path[-1])
     joint, words = _joint_of(label, joints), _words(field)
     if not label:
@@ -243,17 +238,17 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
     if not quantity and (by_unit := _unit_of(words, "", "", joint) or _counts_of(words, unit)):
         quantity = by_unit[0]
         words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
-    return _Parts(topic, field, words, texts, quantity, joint, label, unit)
+    return _Parts(topic, of_topic, field, words, texts, quantity, joint, label, unit)
 
 
-def _topic_part(text: str, joints: Sequence[str]) -> _TopicPart:
-    """Return what a part of a topic names."""
+def _topic_part(text: str, joints: Sequence[str]) -> tuple[str, str, list[str]]:
+    """Return the robot's joint that a part of a topic is, its label, and its words."""
     head, label, _ = _without_brackets(text)
     if (joint := _joint_of(head, joints)) in joints:
-        return _TopicPart(joint, "", [])
+        return joint, "", []
     joint, words = _joint_in(_words(_in_latin(head)), joints)
     words = [word for word in words if word.text not in vocabulary().roles["topic"]]
-    return _TopicPart(joint, label or _label(words, None), [word.text for word in words])
+    return joint, label or _label(words, None), [word.text for word in words]
 
 
 def _quantity_and_joint(parts: _Parts, joints: Sequence[str]) -> tuple[str, str]:
@@ -270,8 +265,7 @@ def _quantity_and_joint(parts: _Parts, joints: Sequence[str]) -> tuple[str, str]
         or parts.texts[-1].isdigit()
     ):
         return "", parts.joint
-    quantities = (_quantity(part.texts) for part in reversed(parts.topic))
-    return next(filter(None, quantities), ""), parts.joint
+    return next(filter(None, map(_quantity, parts.topic)), ""), parts.joint
 
 
 def _joint_with_length(parts: _Parts, joints: Sequence[str]) -> str:
@@ -299,14 +293,7 @@ def _unit_and_joint(parts: _Parts, quantity: str, side: str, joint: str) -> tupl
         # Brackets with a unit that the quantity cannot have are the label of a joint: "tau[m]".
         unit, joint = _unit_of(parts.words, quantity, side, joint), joint or label
     joint = joint or _label(parts.words, unit)
-    return unit, joint or _joint_of_topic(parts.topic)
-
-
-def _joint_of_topic(topic: Sequence[_TopicPart]) -> str:
-    """Return the joint of a topic, else its label: "/elbow/position", "/odrive_axis0/status/q"."""
-    joints = [part.joint for part in reversed(topic)]
-    labels = [part.label for part in reversed(topic) if len(topic) > 1 or part.label.isdigit()]
-    return next(filter(None, joints + labels), "")
+    return unit, joint or parts.of_topic
 
 
 def in_file(meaning: Meaning, file: str) -> Meaning:
@@ -395,14 +382,11 @@ def _words(text: str) -> list[_Word]:
             words += [_Word(piece, known_unit(part), glued) for piece in _split(part.lower())]
         if unit:
             words.append(_Word(unit.lower(), known_unit(unit)))
-    before = [_Word(""), *words]
-    return [_as_desired(*pair) for pair in zip(words, before, strict=False)]
-
-
-def _as_desired(word: _Word, before: _Word) -> _Word:
-    """Return a word, with its meaning for the d of "q_d", "tau_J_d" and "theta_md"."""
-    is_desired = word.text == "d" and before.text in vocabulary().roles["desired"]
-    return replace(word, text="desired") if is_desired else word
+    # The d of "q_d", "tau_J_d" and "theta_md".
+    for place, (before, word) in enumerate(pairwise(words), 1):
+        if word.text == "d" and before.text in vocabulary().roles["desired"]:
+            words[place] = replace(word, text="desired")
+    return words
 
 
 def _parts_of_run(run: str) -> list[str]:
@@ -432,24 +416,23 @@ def _without_unit(run: str) -> tuple[str, str]:
 
 def _split(word: str) -> list[str]:
     """Split a word into known words: "mpos" into m and pos, "wcur" into w and cur."""
-    known = vocabulary()
-    quantities = known.quantities
-    if word in quantities or word in known.small or len(word) < 2:
+    if word in vocabulary().quantities or word in vocabulary().small:
         return [word]
-    # m, l, w and j for motor, link, winding and joint: "mpos", "lq", "wcur", "jpos", "md".
-    if word[0] in "mlwj" and word[1:] in {*quantities, "d"}:
-        return [word[0], word[1:]]
-    if word[-1] in "ml" and word[:-1] in quantities:
-        return [word[:-1], word[-1]]
-    return next(_known_halves(word), [word])
+    match = _halves().fullmatch(word)
+    return [*filter(None, match.groups())] if match else [word]
 
 
-def _known_halves(word: str) -> Iterator[list[str]]:
-    """Yield the splits into a known word and a quantity: "motorpos", "istposition"."""
-    known = vocabulary()
-    for end in range(3, len(word) - 2):
-        if word[:end] in known.roles["understood"] and word[end:] in known.quantities:
-            yield [word[:end], word[end:]]
+@cache
+def _halves() -> re.Pattern[str]:
+    """Return the pattern of two known words without a separator, the shortest first word first.
+
+    Words of three letters and more are known in front of a quantity: "motorpos", "istposition". Of
+    single letters only m, l, w and j are: for motor, link, winding and joint.
+    """
+    known, quantities = vocabulary().roles["understood"], vocabulary().quantities
+    words = sorted((word for word in known if len(word) > 2), key=len)
+    first, second = ("|".join(map(re.escape, x)) for x in (words, quantities))
+    return re.compile(rf"([mlwj])({second}|d)|({second})([ml])|({first})((?=...)(?:{second}))")
 
 
 def _quantity(texts: Sequence[str]) -> str:
@@ -622,10 +605,8 @@ def _without_blanks() -> re.Pattern[str]:
 
 _TURNING_ABOUT = {"x": "roll", "y": "pitch", "z": "yaw"}
 
-_OF_UNITS = {
-    **{"m": "position", "m_per_s": "velocity", "rad_per_s": "angular_velocity"},
-    **{"m_per_s2": "specific_force", "N": "", "Nm": "", "rad": ""},
-}
+_OF_UNITS = {"m": "position", "m_per_s": "velocity", "rad_per_s": "angular_velocity"}
+_OF_UNITS |= {"m_per_s2": "specific_force", "N": "", "Nm": "", "rad": ""}
 """{SI unit of a component: the quantity of its vector, if no word says it}."""
 
 _AXIS = re.compile(r"(?:^|[._/ ]|(?<=[a-z])(?=[WXYZ]))([qpvwaftmFMT]?)([wxyzWXYZ])(?=[._/ \[(]|$)")
@@ -689,17 +670,12 @@ def kind_of(name: str) -> str:
 
 def is_commanded(name: str) -> bool:
     """Return whether a name is that of a command."""
-    return not vocabulary().roles["commanded"].isdisjoint(words_of(name))
+    return _has(words_of(name), "commanded")
 
 
-def is_elsewhere(name: str) -> bool:
-    """Return whether a name is that of a command, or of a vector that the base does not have."""
-    return _says(words_of(name), "base_words", "no_vector") or is_commanded(name)
-
-
-def is_contact(name: str) -> bool:
-    """Return whether a name is that of a contact."""
-    return _says(words_of(name), "base_words", "contact")
+def is_of_base(name: str, entry: str) -> bool:
+    """Return whether a name has a word of "contact", or of "no_vector" of a base."""
+    return _says(words_of(name), "base_words", entry)
 
 
 def _unit(tail: str) -> tuple[str, float] | None:
