@@ -174,13 +174,14 @@ def describe_log(
             f"'{' + '.join(map(str, paths))}': no column looks like the position of a joint; "
             f"columns are {about}"
         )
-    drafts = {joint: take_quantities(inference, joint) for joint in dict.fromkeys(names.values())}
-    joints = _with_clocks(drafts, clocks, names, table.files)
-    gains = _gains(samples, inference, joints)
-    check_used(inference, drafts, {x for clock in clocks.values() for x in clock.columns()})
-    description = LogDescription(
-        time=_common_clock(table, inference, clocks, names, rate_hz), files=_file_names(paths)
-    ).with_tables(inference.tables | {("joints", x): y for x, y in joints.items()})
+    for joint in dict.fromkeys(names.values()):
+        take_quantities(inference, joint)
+    _set_clocks(inference, clocks, names, table.files)
+    gains = _gains(samples, inference)
+    check_used(inference, {x for clock in clocks.values() for x in clock.columns()})
+    clock = _common_clock(table, inference, clocks, names, rate_hz)
+    description = LogDescription(time=clock, files=_file_names(paths))
+    description = description.with_tables(inference.tables)
     used = description.columns()
     unused = tuple(name for name in table.names if not used & {name, table.bare(name)})
     unsure, assumed = sentences(inference.notes), sentences(inference.assumed)
@@ -210,7 +211,11 @@ def _labels(table: Table, names: Sequence[str], robot: Robot | None) -> dict[str
     columns = [name for name in table.names if f"{name}[0]" not in table.names]
     if len(names) != len(columns):
         arrays = {name for name in names if meaning_of(name).quantity != "time"}
-        places = _places(len(columns) - len(names) + len(arrays), len(arrays), robot)
+        # The arrays share the columns equally.
+        width = (len(columns) - len(names) + len(arrays)) // max(len(arrays), 1)
+        of_robot = ((), ()) if robot is None else (robot.joint_names, every_joint(robot))
+        places = next((joints for joints in of_robot if len(joints) == width), ())
+        places = places if robot else tuple(map(str, range(width)))
         spelled = ([f"{x}[{place}]" for place in places] if x in arrays else [x] for x in names)
         names = [*chain.from_iterable(spelled)]
     if len(names) != len(columns):
@@ -223,29 +228,18 @@ def _labels(table: Table, names: Sequence[str], robot: Robot | None) -> dict[str
     return dict(zip(columns, names, strict=True))
 
 
-def _places(columns: int, arrays: int, robot: Robot | None) -> Sequence[str]:
-    """Return the joints, or places, of each of several arrays that share columns equally."""
-    width = columns // max(arrays, 1)
-    if robot is None:
-        return [*map(str, range(width))]
-    sets = (robot.joint_names, every_joint(robot))
-    return next((joints for joints in sets if len(joints) == width), ())
-
-
-def _with_clocks(
-    drafts: Mapping[str, Mapping[str, Source]],
+def _set_clocks(
+    inference: Inference,
     clocks: Mapping[str, Clock],
     names: Mapping[str, str],
     files: Mapping[str, str],
-) -> dict[str, dict[str, Source]]:
-    """Return the sources of each joint, with its own clock or that of the file of the column."""
+) -> None:
+    """Give the sources of each joint its own clock, or that of the file of the column."""
     of_joints = {joint: clocks[tag] for tag, joint in names.items() if tag and tag in clocks}
-
-    def timed(joint: str, source: Source) -> Source:
-        clock = of_joints.get(joint) or clocks.get(files.get(source.column, joint))
-        return replace(source, time=clock)
-
-    return {x: {name: timed(x, y) for name, y in draft.items()} for x, draft in drafts.items()}
+    for joint, sources in inference.joints.items():
+        for name, source in sources.items():
+            clock = of_joints.get(joint) or clocks.get(files.get(source.column, joint))
+            sources[name] = replace(source, time=clock)
 
 
 def _file_names(paths: Sequence[Path]) -> tuple[str, ...]:
@@ -260,9 +254,7 @@ _GAINS = ("position_gain_Nm_per_rad", "velocity_gain_Nms_per_rad")
 """Quantities of columns that are gains of a `Controller`."""
 
 
-def _gains(
-    samples: Block, inference: Inference, joints: Mapping[str, Mapping[str, Source]]
-) -> dict[str, Controller]:
+def _gains(samples: Block, inference: Inference) -> dict[str, Controller]:
     """Return the controllers of commanded joints with columns of gains, and note each of these."""
     supplies = [name for name in samples if inference.meanings[name].quantity == "voltage"]
     unit = "N m at the joint"
@@ -271,19 +263,14 @@ def _gains(
     gains: dict[str, dict[str, Any]] = {}
     for name, values in samples.items():
         meaning = inference.meanings[name]
-        is_commanded = not joints.get(meaning.joint, {}).keys().isdisjoint(COMMANDS)
+        is_commanded = not inference.joints.get(meaning.joint, {}).keys().isdisjoint(COMMANDS)
         if meaning.quantity in _GAINS and is_commanded:
-            gain = _constant(values)
-            inference.note(name, "gain_changes" if gain is None else "gain", unit=unit)
-            if gain is not None:
-                gains.setdefault(meaning.joint, {})[meaning.quantity] = gain
+            gain, *others = {*values[np.isfinite(values)]} or {-1.0}
+            is_gain = not others and gain >= 0
+            inference.note(name, "gain" if is_gain else "gain_changes", unit=unit)
+            if is_gain:
+                gains.setdefault(meaning.joint, {})[meaning.quantity] = float(gain)
     return {joint: Controller(**x, is_up_to_scale=bool(supplies)) for joint, x in gains.items()}
-
-
-def _constant(values: Array) -> float | None:
-    """Return the only value of a gain, None if it changes or is negative."""
-    finite = values[np.isfinite(values)]
-    return float(finite[0]) if len({*finite}) == 1 and finite[0] >= 0 else None
 
 
 def _common_clock(

@@ -110,6 +110,11 @@ class Inference:
         default_factory=partial(defaultdict, dict)
     )
 
+    @property
+    def joints(self) -> dict[str, dict[str, Source]]:
+        """The sources of joints: {joint: {quantity: source}}."""
+        return {key[1]: x for key, x in self.tables.items() if key[0] == "joints"}
+
     def having(self, quantity: str, joint: str, *sides: str, role: Role = "measured") -> list[str]:
         """Return the columns with a quantity of a joint, in one role.
 
@@ -316,10 +321,9 @@ def _velocities(
             yield name, float((path @ q) ** 2 / (power * (q @ q))), float(path @ q) / power
 
 
-def check_used(
-    inference: Inference, joints: Mapping[str, Sources], clocks: Collection[str]
-) -> None:
+def check_used(inference: Inference, clocks: Collection[str]) -> None:
     """Note what words or samples of the columns leave in doubt; `clocks` are those of the time."""
+    joints = inference.joints
     sources = [source for of_joint in joints.values() for source in of_joint.values()]
     used = {name for source in sources for name in source.used} & inference.meanings.keys()
     _note_unknown_words(inference, used)

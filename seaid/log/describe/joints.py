@@ -258,8 +258,8 @@ def _in_order(labels: Sequence[str], joints: Sequence[str], inference: Inference
     return dict(zip(labels, joints, strict=False))
 
 
-def take_quantities(inference: Inference, joint: str) -> dict[str, Source]:
-    """Take the columns of a joint, and return {quantity: its source}."""
+def take_quantities(inference: Inference, joint: str) -> None:
+    """Take the columns of a joint for its quantities."""
     columns = _Columns(inference, joint)
     columns.add_positions()
     has_both = len(columns.sources) == 2
@@ -270,7 +270,6 @@ def take_quantities(inference: Inference, joint: str) -> dict[str, Source]:
         columns.turn_motor_side()
     columns.add_commands()
     columns.add_temperature()
-    return columns.sources
 
 
 _USUAL_UNITS = {
