@@ -231,7 +231,7 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     sides = estimate_two_step({ONLY: condition}, estimator).of(ONLY)
     values = value_findings(sides, robot, known, None)
     sides = replace(sides, drives=with_searched_values(sides.drives, robot, known))
-    return with_value_findings(identification_of(known, model, sides, datasets), values)
+    return with_value_findings(identification_of(known, sides, datasets), values)
 
 
 @cache

@@ -85,12 +85,11 @@ def conclude(problem: Problem, name: str) -> Identification:
 def _identification(problem: Problem, name: str) -> Identification:
     """Return the identification with the errors of what was given as known."""
     case, estimate = problem.cases[name], problem.with_errors_of_constants[name]
-    robot, model = case.robot, case.condition.model
-    searched = with_searched_values(estimate.drives, case.nominal, robot)
+    searched = with_searched_values(estimate.drives, case.nominal, case.robot)
     estimate = replace(estimate, drives=searched)
     is_consistent = problem.options.feasible and problem.only is not None
-    consistent = feasible_of(robot, model, estimate) if is_consistent else None
-    return identification_of(robot, model, estimate, case.datasets, consistent, case.declared)
+    consistent = feasible_of(case.robot, estimate) if is_consistent else None
+    return identification_of(case.robot, estimate, case.datasets, consistent, case.declared)
 
 
 def _with_free_scales(problem: Problem, name: str, result: Identification) -> Identification:

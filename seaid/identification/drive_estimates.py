@@ -13,7 +13,7 @@ the motor equation, a torque sensor behind the gear in (4b), or known bodies in 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -270,25 +270,10 @@ _SPRING = (
 
 
 class UnknownScaleError(IdentificationError):
-    """Equations that the unknown constant `scale` makes homogeneous."""
-
-    scale: UnknownScale
-
-
-@dataclass(frozen=True)
-class UnknownScale:
-    """The unknown constant `parameter` of a `joint`, and the `message` if nothing determines it."""
+    """Equations that the unknown constant `parameter` of a `joint` makes homogeneous."""
 
     joint: str
     parameter: str
-    message: str
-
-    @property
-    def error(self) -> UnknownScaleError:
-        """The error of equations that the constant makes homogeneous."""
-        error = UnknownScaleError(self.message, "known_bodies=")
-        error.scale = self
-        return error
 
 
 def check_scale(qr_factor: QRFactor) -> None:
@@ -321,7 +306,9 @@ def check_scale(qr_factor: QRFactor) -> None:
                 f"so all torques are known only up to scale. Give one of: {remedy}or the constant "
                 f"itself (known = ['{name}'])"
             )
-            raise UnknownScale(joint, name, message).error
+            error = UnknownScaleError(message, "known_bodies=")
+            error.joint, error.parameter = joint, name
+            raise error
 
 
 def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:
@@ -329,12 +316,11 @@ def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:
 
     Raises the problem if it is another one: gains in units of the drive still give ratios.
     """
-    joint = problem.scale.joint
-    drive = robot.drives.get(joint)
-    if drive is None or problem.scale.parameter != "gain_scale":
+    drive = robot.drives.get(problem.joint)
+    if drive is None or problem.parameter != "gain_scale":
         raise problem
     fixed = drive.with_values({"gain_scale": drive.scale_of_gains})
-    return robot.with_drives({joint: replace(fixed, known=(*drive.known, "gain_scale"))})
+    return robot.with_drives({problem.joint: replace(fixed, known=(*drive.known, "gain_scale"))})
 
 
 def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:
@@ -359,7 +345,7 @@ def fit_constants(
     springs: Mapping[str, Array],
     rows: Rows,
     estimator: Estimator,
-    unscaled: Mapping[str, UnknownScale],
+    unscaled: Mapping[str, UnknownScaleError],
 ) -> FittedRows:
     """Return the fit of (8) with the motor constants of `unscaled` joints as parameters.
 
@@ -372,9 +358,9 @@ def fit_constants(
     try:
         fitted = fit(rows, estimator, None, change, check_scale)
     except UnknownScaleError:
-        raise next(iter(unscaled.values())).error from None
+        raise next(iter(unscaled.values())) from None
     for joint in _without_scale(fitted, constants):
-        raise unscaled[joint].error
+        raise unscaled[joint]
     return fitted
 
 

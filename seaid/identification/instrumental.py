@@ -30,7 +30,7 @@ from seaid._arrays import Array, safely
 from seaid.checks.values import instruments_without_effect, smoothed_instruments
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimate, Estimator
+from seaid.estimation import Estimator
 from seaid.estimation.instrumental_variables import instrumental, projected_columns
 from seaid.identification import simulated_joints
 from seaid.identification.drive_estimates import without_torque
@@ -190,7 +190,9 @@ def _settled(
     """Return the converged estimates of both sides; `make` is for the load side's instruments."""
     robot, model = condition.robot, condition.model
     estimator = Estimator(
-        _solve, effective_rows=lambda rows, _: split_instruments(rows)[0], columns=_columns
+        lambda rows, propagated: instrumental(*split_instruments(rows), propagated),
+        effective_rows=lambda rows, _: split_instruments(rows)[0],
+        columns=lambda rows: projected_columns(*split_instruments(rows)),
     )
     for _ in range(_MOST_ITERATIONS):
         fitted = _fitted(robot, model, estimate)
@@ -238,15 +240,6 @@ def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel
             "estimator='wls'",
         )
     return FittedModel(model, sides.load_side.values, springs)
-
-
-def _solve(rows: Regression, propagated: Array | None) -> Estimate:
-    return instrumental(*split_instruments(rows), propagated)
-
-
-def _columns(rows: Regression) -> Array:
-    """Return the columns to which the residual of the estimate from rows is orthogonal."""
-    return projected_columns(*split_instruments(rows))
 
 
 def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:

@@ -47,12 +47,11 @@ from seaid.identification.sensitivity import (
     given_constants,
 )
 from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
-from seaid.identification.stacked_fits import RobotEstimate
+from seaid.identification.stacked_fits import RobotEstimate, SensorErrors
 from seaid.identification.two_step import (
     NOTHING_SPECIFIC,
     Condition,
     SpecificParameters,
-    TorqueErrors,
     TwoStepFits,
     check_forces,
     check_scale_of_locked,
@@ -183,7 +182,7 @@ class Case:
     used: tuple[str, ...]
     stopped: Mapping[str, Drive]
     datasets: list[Dataset]
-    bias: result.SensorErrors | None = None
+    bias: SensorErrors | None = None
 
     @cached_property
     def condition(self) -> Condition:
@@ -238,7 +237,7 @@ class Problem:
             options.executor,
             options.progress,
             options.specific,
-            sensor_errors=None if bias is None else TorqueErrors(bias.columns, bias.covariance),
+            sensor_errors=bias,
         )
         if not self.offsets.common:
             return fits
@@ -264,8 +263,7 @@ class Problem:
 
     def identified(self, name: str) -> Robot:
         """Return the robot of a condition with the values of two steps."""
-        condition = self.cases[name].condition
-        return result.identified_robot(condition.robot, condition.model.base, self.two_step[name])
+        return result.identified_robot(self.cases[name].robot, self.two_step[name])
 
     @cached_property
     def estimates(self) -> Mapping[str, RobotEstimate]:
@@ -337,7 +335,7 @@ def solve(
                 declared = {
                     name: drive_estimates.with_unit_scale(x, reason) for name, x in declared.items()
                 }
-                unscaled = (*unscaled, reason.scale.joint)
+                unscaled = (*unscaled, reason.joint)
                 continue
             nominals = nominals or {name: case.nominal for name, case in problem.cases.items()}
             later = {
@@ -499,7 +497,7 @@ def _with_first_estimates(problem: Problem) -> Problem:
     return problem
 
 
-def _sensor_errors(problem: Problem, case: Case) -> result.SensorErrors | None:
+def _sensor_errors(problem: Problem, case: Case) -> SensorErrors | None:
     """Return the errors of sensors that the fit of the only case supports."""
     extension, (name,) = result.extension_of(case.robot), problem.cases
     fit = problem.two_step[name].fit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, singledispatch
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from seaid.identification.consistency import FeasibleParameters, feasible_parame
 from seaid.identification.datasets import Dataset, processing_of
 from seaid.identification.drive_estimates import with_estimate, with_fixed_delays
 from seaid.identification.gear import gear_estimates, own_estimates, with_gears
-from seaid.identification.stacked_fits import RobotEstimate
+from seaid.identification.stacked_fits import RobotEstimate, SensorErrors
 from seaid.log import Log, Motion, Processing
 from seaid.regressor import BaseParameters
 from seaid.regressor.base import torque_slopes
@@ -357,7 +357,6 @@ def with_value_findings(result: Identification, values: Iterable[Finding]) -> Id
 
 def identification_of(
     robot: Robot,
-    model: LoadModel,
     sides: RobotEstimate,
     datasets: Sequence[Dataset],
     feasible: FeasibleParameters | None = None,
@@ -369,14 +368,14 @@ def identification_of(
     """
     sprung = gear_estimates(robot, datasets, sides.drives, estimator_named("wls"))
     gears = {joint: gear for joint, (gear, _) in sprung.items()}
-    identified = identified_robot(robot, model.base, sides) if feasible is None else feasible.robot
+    identified = identified_robot(robot, sides) if feasible is None else feasible.robot
     return Identification(
         drive_side=FrozenMapping(sides.drives),
         load=sides.load,
-        base=model.base,
+        base=sides.model.base,
         robot=with_gears(identified, declared or robot, gears),
         known=robot,
-        model=model,
+        model=sides.model,
         load_side=sides.load_side,
         springs=FrozenMapping(sides.springs),
         cutoff_hz=datasets[0].cutoff_hz,
@@ -392,16 +391,16 @@ def identification_of(
     )
 
 
-def feasible_of(robot: Robot, model: LoadModel, estimate: RobotEstimate) -> FeasibleParameters:
+def feasible_of(robot: Robot, estimate: RobotEstimate) -> FeasibleParameters:
     """Return the physically consistent parameters nearest to the estimate of both sides."""
-    white = estimate.fit.white_covariance
-    if estimate.whole is not None:
-        side, white = with_fixed_delays(robot.drives, estimate.whole, white)
-        return feasible_parameters(robot, model, side, white_covariance=white)
-    columns = len(estimate.load_side.names)  # without those of torque offsets
-    elastic = _elastic_drives(robot, estimate.load_side, estimate.drives)
-    side, white = with_fixed_delays(robot.drives, estimate.load_side, white[:columns, :columns])
-    return feasible_parameters(robot, model, side, elastic, white_covariance=white)
+    # A drive that is in the estimate of both sides is not stacked on it; the columns of torque
+    # offsets come after those of the load side.
+    side, elastic = estimate.whole or estimate.load_side, dict[str, Estimate]()
+    if estimate.whole is None:
+        elastic = _elastic_drives(robot, side, estimate.drives)
+    white = estimate.fit.white_covariance[: len(side.names), : len(side.names)]
+    side, white = with_fixed_delays(robot.drives, side, white)
+    return feasible_parameters(robot, estimate.model, side, elastic, white_covariance=white)
 
 
 def _elastic_drives(
@@ -426,14 +425,14 @@ def consistent_bodies(result: Identification) -> Identification:
     return consistent.with_findings(nearest.warnings)
 
 
-def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:
+def identified_robot(robot: Robot, sides: RobotEstimate) -> Robot:
     """Return the robot with the identified values, its standard parameters nearest to the file's.
 
     Nearest in the Euclidean norm, from 1 kg per body if the robot has no masses: they have the
     estimated base parameters but need not be physically consistent. A body without mass cannot have
     first moments in Pinocchio: where it gets some, it starts from 1 kg too.
     """
-    prior = robot.parameters.copy()
+    prior, base = robot.parameters.copy(), sides.model.base
     prior[::10][np.isnan(prior[::10])] = 1.0
     prior = np.nan_to_num(prior)
     correction = base.least(sides.load.values - base.project(prior))
@@ -455,27 +454,6 @@ def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -
 # What a kind of robot adds to `identify` and `validate`: nothing, if its base is held. A package
 # that knows another kind of robot registers its `Extension` for the type of that robot, so that
 # nothing in this package asks what kind a robot is.
-
-
-class SensorErrors(Protocol):
-    """Constant errors (k,) of sensors that were identified with the bodies.
-
-    `columns` are the changes of y by the errors (R, k), which have a `covariance` (k, k).
-    """
-
-    @property
-    def columns(self) -> Array:
-        """The changes of y by the errors (R, k)."""
-
-    @property
-    def covariance(self) -> Array:
-        """The covariance (k, k) of the errors."""
-
-    def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
-        """Return the motions without the errors."""
-
-    def findings(self) -> Iterable[Finding]:
-        """Yield the notes on the errors that were subtracted."""
 
 
 class Extension:

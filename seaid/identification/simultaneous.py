@@ -405,8 +405,8 @@ def _estimated(
         if name not in model.expressions and name.quantity not in _SPRING
     ]
     return RobotEstimate(
+        model=model,
         drives=drives,
-        load=whole.of_names(model.expressions),
         load_side=whole.of_names(model.names),
         springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
         excluded=start.excluded,

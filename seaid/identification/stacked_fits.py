@@ -13,10 +13,10 @@ column for b_0 per spring: r_L (k d + s) = Y beta + r_L N/r_M b_0, and f_0 is th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy import linalg
@@ -31,10 +31,12 @@ from seaid.estimation.fitting import Rows
 from seaid.estimation.parameters import Constraints, shared_columns, shared_parameters
 from seaid.estimation.qr_factor import QRFactor, triangle
 from seaid.regressor import Regression
+from seaid.regressor.load import LoadModel
 from seaid.regressor.regression import spring_regressor
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
+    from seaid.identification.datasets import Dataset
     from seaid.log import Motion
 
 LOAD = "load side (8)"
@@ -313,46 +315,80 @@ def _with_residual_of(fitted: Estimate, estimate: Estimate) -> Estimate:
     )
 
 
+class SensorErrors(Protocol):
+    """Constant errors (k,) of sensors that were identified with the bodies.
+
+    `columns` are the changes of y by the errors (R, k), which have a `covariance` (k, k).
+    """
+
+    @property
+    def columns(self) -> Array:
+        """The changes of y by the errors (R, k)."""
+
+    @property
+    def covariance(self) -> Array:
+        """The covariance (k, k) of the errors."""
+
+    def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
+        """Return the motions without the errors."""
+
+    def findings(self) -> Iterable[Finding]:
+        """Yield the notes on the errors that were subtracted."""
+
+
 @dataclass(frozen=True, eq=False)
 class RobotEstimate:
     """Estimates of both sides of the springs.
 
-    `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
-    `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
-    were estimated at once, `fit` the fit of that, or of `load_side`; `actuators` {joint: fit of its
-    motor equation} if they were estimated in turn, in `fits`. `findings` are about the way to the
-    estimates, and `not_shared` is why the data do not support an estimate of both sides at once,
-    whose rows `regress` returns; `shared` are the parameters that drives share.
+    `load_side` are the columns of `model`, and `springs` {joint: parameters} those whose torque is
+    that on the load; `checks` and `excluded` by joint, and "load" for the load side. `whole` is the
+    estimate of both sides if they were estimated at once, `fit` the fit of that, or of `load_side`;
+    else they were estimated in turn, in `fits`. `findings` are about the way to the estimates, and
+    `not_shared` is why the data do not support an estimate of both sides at once, whose rows
+    `regress` returns.
     """
 
+    model: LoadModel
     drives: Mapping[str, Estimate]
-    load: Estimate
     load_side: Estimate
     springs: Mapping[str, Array]
     excluded: Mapping[str, int]
     checks: Mapping[str, ModelChecks]
     fit: FittedRows
     whole: Estimate | None = None
-    actuators: Mapping[str, FittedRows] = field(default_factory=dict)
     fits: FitsInTurn | None = None
     findings: tuple[Finding, ...] = ()
     not_shared: str = ""
-    shared: tuple[SharedParameter, ...] = ()
     regress: Callable[[Robot, Motion], Regression] | None = None
     refit: Callable[[Regression, Array], RobotEstimate] | None = None
+
+    @cached_property
+    def load(self) -> Estimate:
+        """The base parameters."""
+        return self.load_side.of_names(self.model.expressions)
+
+    @property
+    def actuators(self) -> Mapping[str, FittedRows]:
+        """The fits of the motor equations by joint, if both sides were estimated in turn."""
+        return {} if self.fits is None else self.fits.actuators
+
+    @property
+    def shared(self) -> tuple[SharedParameter, ...]:
+        """The parameters that drives share, each once."""
+        fits = [*self.actuators.values(), self.fit]
+        return tuple({x.name: x for fit in fits for x in fit.shared}.values())
 
     def with_errors(self, known: KnownErrors, condition: str) -> RobotEstimate:
         """Return the estimate in turn of a condition with errors of what was given as known."""
         assert self.fits is not None
         drives, side = self.fits.of_condition(condition, self.load_side.names, known)
-        load = side.of_names(self.load.names)
-        return replace(self, drives=drives, load=load, load_side=side)
+        return replace(self, drives=drives, load_side=side)
 
     def with_whole(self, whole: Estimate) -> RobotEstimate:
         """Return the estimate of both sides at once with other errors."""
         by_joint, side = whole.by_owner(), whole.of_names(self.load_side.names)
-        drives, load = {x: by_joint[x] for x in self.drives}, side.of_names(self.load.names)
-        return replace(self, drives=drives, load=load, load_side=side, whole=whole)
+        drives = {joint: by_joint[joint] for joint in self.drives}
+        return replace(self, drives=drives, load_side=side, whole=whole)
 
 
 LEAST_SHARE = 0.02

@@ -20,7 +20,7 @@ from seaid.drives import ParameterName
 from seaid.drives.drives import groups_of
 from seaid.drives.terms import places_of
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimator, FittedRows, SharedParameter, fit
+from seaid.estimation import Estimator, FittedRows, fit
 from seaid.estimation.estimate import ModelChecks
 from seaid.estimation.fitting import RowChange, Rows, qr_factor_of_rows, with_columns
 from seaid.estimation.instrumental_variables import (
@@ -41,6 +41,7 @@ from seaid.identification.stacked_fits import (
     FitsInTurn,
     KnownErrors,
     RobotEstimate,
+    SensorErrors,
     identifiable_offsets,
     offset_places,
     sensed_spring,
@@ -142,23 +143,15 @@ class TwoStepFits:
         optional = columns[len(model.expressions) : len(model.names)]
         excluded = {joint: self._excluded(joint, name, x) for joint, x in self.actuators.items()}
         return RobotEstimate(
+            model=model,
             drives=drives,
-            load=load_side.of_names(model.expressions),
             load_side=load_side,
             springs={x: spring_of(robot, drives[x], x).values for x in self.fits.springs},
             excluded=excluded | {"load": self._excluded(LOAD, name, self.load)},
             checks=_checks(self.actuators, name) | {"load": self.load.checks(optional)},
             fit=self.load,
-            actuators=self.actuators,
             fits=self.fits,
-            shared=self._shared,
         )
-
-    @property
-    def _shared(self) -> tuple[SharedParameter, ...]:
-        """The parameters that drives share, each once."""
-        fits = [*self.actuators.values(), self.load]
-        return tuple({x.name: x for fit in fits for x in fit.shared}.values())
 
     def _excluded(self, equation: str, condition: str, fit: FittedRows) -> int:
         share = self.shares.get(equation, {}).get(condition)
@@ -172,7 +165,7 @@ def estimate_two_step(
     progress: bool = False,
     specific: SpecificParameters = NOTHING_SPECIFIC,
     equations: Mapping[str, Regress] | None = None,
-    sensor_errors: TorqueErrors | None = None,
+    sensor_errors: SensorErrors | None = None,
 ) -> TwoStepFits:
     """Estimate both sides in turn, with the springs' uncertainty propagated to the load.
 
@@ -199,7 +192,7 @@ def estimate_two_step(
         conditions, specific, by_condition, propagated, stored, executor, progress
     ) as of_conditions:
         rows = of_conditions.rows
-        motors = _Motors(robot, motions, estimator, joints, sensed).fitted(rows)
+        motors = _fits_of_motors(robot, motions, estimator, joints, sensed, rows)
         side = LoadSideFit(motors, estimator, motions[0].cutoff_hz, is_plain, sensor_errors)
         load = side.fit(rows[LOAD], np.zeros((0, 0)))
     fits = replace(motors, load=load, refit=side.fit if is_plain else None)
@@ -274,57 +267,48 @@ def _is_specific(
     return name.startswith(ENCODER_OFFSET) if name in error_names else of_equation(name)
 
 
-@dataclass(frozen=True, eq=False)
-class _Motors:
-    """The motor equations of a robot, and where unknown constants of its motors come from.
+def _fits_of_motors(
+    robot: Robot,
+    motions: Sequence[Motion],
+    estimator: Estimator,
+    springs: tuple[str, ...],
+    sensed: Sequence[str],
+    rows: Mapping[str, Rows],
+) -> FitsInTurn:
+    """Return the fits (10) of the motor equations, and of what gives their unknown constants.
 
-    Constants come from the torque sensor of `sensed` joints, else from the load side, which has the
-    torques of the springs of `joints`.
+    A constant comes from the torque sensor of a `sensed` joint, else from the load side, which has
+    the torques of the `springs`. Where the spring torque was measured alone, the fit is by errors
+    in variables.
     """
-
-    robot: Robot
-    motions: Sequence[Motion]
-    estimator: Estimator
-    joints: tuple[str, ...]
-    sensed: Sequence[str]
-
-    def fitted(self, rows: Mapping[str, Rows]) -> FitsInTurn:
-        """Return the fits of the motor equations, and of what gives their constants."""
-        robot, estimator, motions = self.robot, self.estimator, self.motions
-        motors, unscaled = dict[str, FittedRows](), dict[str, drive_estimates.UnknownScale]()
-        for joint in robot.elastic_joints:
-            fitted = fit_actuator(robot, motions, joint, rows[joint], estimator)
-            if isinstance(fitted, drive_estimates.UnknownScale):
-                unscaled[joint] = fitted
-                fitted = self._fitted_with_unit_constant(joint, rows[joint], fitted)
-            motors[joint] = fitted
-        by_sensor = {}
-        for joint in filter(self.sensed.__contains__, unscaled):
-            spring = fit(rows[sensed_spring(joint)], estimator, cutoff_hz=motions[0].cutoff_hz)
-            by_sensor[joint] = _with_noisy_deflection(robot, motions, joint, spring, estimator)
-        constants = {x: ParameterName(scale.parameter, x) for x, scale in unscaled.items()}
-        fits = FitsInTurn(robot, motors, self.joints, constants, by_sensor)
-        of_load = {joint: unscaled[joint] for joint in unscaled if joint not in by_sensor}
-        if not of_load:
-            return fits
-        springs = {joint: fits.spring(joint).values for joint in self.joints}
-        scales = drive_estimates.fit_constants(robot, springs, rows[LOAD], estimator, of_load)
-        return replace(fits, by_load=scales)
-
-    def _fitted_with_unit_constant(
-        self, joint: str, rows: Rows, scale: drive_estimates.UnknownScale
-    ) -> FittedRows:
-        """Return the fit for a motor constant of 1; raises the error if nothing gives it."""
-        # The load would scale each drive of a group for itself.
-        if joint not in (*self.joints, *self.sensed) or groups_of(self.robot.drives):
-            raise scale.error
-        # With a constant of 1 the input is in y, where its noise does not attenuate anything: the
-        # fit needs no correction for a noisy column.
-        cutoff_hz = self.motions[0].cutoff_hz
-        unit = fit(
-            rows, self.estimator, change=drive_estimates.with_unit_constant, cutoff_hz=cutoff_hz
-        )
-        return drive_estimates.with_shared_parameters(self.robot.drives, unit, joint)
+    motors, unscaled = dict[str, FittedRows](), dict[str, drive_estimates.UnknownScaleError]()
+    cutoff_hz = motions[0].cutoff_hz
+    for joint in robot.elastic_joints:
+        try:
+            fitted = fit_inputs(rows[joint], estimator, None, None, cutoff_hz)
+        except drive_estimates.UnknownScaleError as problem:
+            # The load would scale each drive of a group for itself.
+            if joint not in (*springs, *sensed) or groups_of(robot.drives):
+                raise
+            # With a constant of 1 the input is in y, where its noise does not attenuate anything:
+            # the fit needs no correction for a noisy column.
+            unscaled[joint], change = problem, drive_estimates.with_unit_constant
+            fitted = fit(rows[joint], estimator, change=change, cutoff_hz=cutoff_hz)
+        motors[joint] = drive_estimates.with_shared_parameters(robot.drives, fitted, joint)
+        if drive_estimates.has_only_spring_torque(robot, motions, joint):
+            motors[joint] = _with_noisy_deflection(robot, motions, motors[joint], joint, estimator)
+    by_sensor = {}
+    for joint in filter(sensed.__contains__, unscaled):
+        spring = fit(rows[sensed_spring(joint)], estimator, cutoff_hz=cutoff_hz)
+        by_sensor[joint] = _with_noisy_deflection(robot, motions, spring, joint, estimator)
+    constants = {x: ParameterName(scale.parameter, x) for x, scale in unscaled.items()}
+    fits = FitsInTurn(robot, motors, springs, constants, by_sensor)
+    of_load = {joint: unscaled[joint] for joint in unscaled if joint not in by_sensor}
+    if not of_load:
+        return fits
+    values = {joint: fits.spring(joint).values for joint in springs}
+    scales = drive_estimates.fit_constants(robot, values, rows[LOAD], estimator, of_load)
+    return replace(fits, by_load=scales)
 
 
 def _checks(actuators: Mapping[str, FittedRows], condition: str) -> dict[str, ModelChecks]:
@@ -351,25 +335,8 @@ def two_step_equations(
     return equations | {LOAD: partial(load_regression, robot, model=model, springs=zero)}
 
 
-def fit_actuator(
-    robot: Robot, motions: Sequence[Motion], joint: str, rows: Rows, estimator: Estimator
-) -> FittedRows | drive_estimates.UnknownScale:
-    """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured.
-
-    Returns the unknown motor constant if that makes the equation homogeneous.
-    """
-    try:
-        fitted = fit_inputs(rows, estimator, None, None, motions[0].cutoff_hz)
-    except drive_estimates.UnknownScaleError as problem:
-        return problem.scale
-    fitted = drive_estimates.with_shared_parameters(robot.drives, fitted, joint)
-    if not drive_estimates.has_only_spring_torque(robot, motions, joint):
-        return fitted
-    return _with_noisy_deflection(robot, motions, joint, fitted, estimator)
-
-
 def _with_noisy_deflection(
-    robot: Robot, motions: Sequence[Motion], joint: str, fitted: FittedRows, estimator: Estimator
+    robot: Robot, motions: Sequence[Motion], fitted: FittedRows, joint: str, estimator: Estimator
 ) -> FittedRows:
     """Return the fit of (4b) by errors in variables, if its spring is linear and has an offset."""
     plain = fitted.estimate.names == (STIFFNESS, "spring_offset")
@@ -418,14 +385,6 @@ def _spring_equations(robot: Robot, joints: Sequence[str]) -> dict[str, Regress]
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueErrors:
-    """Errors (k,) of a `covariance` (k, k), and the `columns` (R, k) by which they change y."""
-
-    columns: Array
-    covariance: Array
-
-
-@dataclass(frozen=True, eq=False)
 class LoadSideFit:
     """How (8) is fitted once the `motors` are: with their springs' torques and torque offsets."""
 
@@ -433,7 +392,7 @@ class LoadSideFit:
     estimator: Estimator
     cutoff_hz: float
     has_torque_offsets: bool
-    sensor_errors: TorqueErrors | None
+    sensor_errors: SensorErrors | None
 
     def fit(self, rows: Rows, error_covariance: Array) -> FittedRows:
         """Fit (8) from rows without spring torque, with columns of identifiable torque offsets.

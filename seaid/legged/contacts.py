@@ -43,7 +43,7 @@ from seaid.estimation.fitting import with_further_columns
 from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import scaled_svd
 from seaid.identification.datasets import Dataset
-from seaid.identification.result import SensorErrors
+from seaid.identification.stacked_fits import SensorErrors
 from seaid.identification.validation import for_sensors
 from seaid.legged.base import bodies_of_fit, whole_body
 from seaid.legged.feet import CONTACT_FLAGS, FREE, LOADED, foot_places

@@ -31,7 +31,8 @@ from seaid.estimation import FittedRows
 from seaid.excitation.stance import standing_robot
 from seaid.identification import Fit, Identification, Validation
 from seaid.identification.datasets import Dataset
-from seaid.identification.result import Extension, SensorErrors, extension_of
+from seaid.identification.result import Extension, extension_of
+from seaid.identification.stacked_fits import SensorErrors
 from seaid.identification.validation import Traces, compared, fit_of
 from seaid.legged.base import (
     base_findings,
