@@ -19,8 +19,12 @@ from seaid.drives.equations import SYMBOLS, DriveEquation, d_0, f_0, joint_equat
 from seaid.drives.regressor import flat_names
 from seaid.estimation import estimator_named
 from seaid.identification import Identification
+from seaid.identification.conclusion import (
+    identification_of,
+    value_findings,
+    with_value_findings,
+)
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
-from seaid.identification.result import identification_of, value_findings, with_value_findings
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.legged import load_robot
 from seaid.log import Log, Motion

@@ -7,7 +7,7 @@ that may explain it, see `consequences`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,33 +15,41 @@ import numpy as np
 
 from seaid._arrays import FrozenMapping
 from seaid.checks import CODES
-from seaid.checks.channels import standstill_findings
+from seaid.checks.channels import excluded_findings, standstill_findings
 from seaid.checks.codes import consequences, guarded, is_wrong
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.experiment import experiment_of
 from seaid.checks.model import model_findings, without_echoes, without_setup_echoes
 from seaid.checks.setup import joint_checks
-from seaid.checks.values import scale_of_bodies, shared_findings, unknown_scales
+from seaid.checks.values import (
+    drive_findings,
+    fixed_findings,
+    gear_findings,
+    noise_findings,
+    offset_findings,
+    rigid_gear,
+    scale_of_bodies,
+    shared_findings,
+    unknown_scales,
+    unused_findings,
+)
 from seaid.checks.verdict import RobotFit, fit_findings, robot_fit
+from seaid.drives import ParameterName
 from seaid.drives.terms import places_of
 from seaid.errors import Finding
+from seaid.estimation import Estimate, estimator_named
 from seaid.estimation.qr_factor import QRFactor, qr_factor_of
-from seaid.identification.datasets import first_motion
-from seaid.identification.drive_estimates import with_free_scale
+from seaid.identification.consistency import FeasibleParameters, feasible_parameters
+from seaid.identification.datasets import Dataset, first_motion, processing_of
+from seaid.identification.drive_estimates import with_fixed_delays, with_free_scale
+from seaid.identification.gear import gear_estimates, with_gears
 from seaid.identification.model_selection import backlash_findings
 from seaid.identification.nonlinear_terms import with_searched_values
-from seaid.identification.result import (
-    Identification,
-    consistent_bodies,
-    extension_of,
-    feasible_of,
-    identification_of,
-    value_findings,
-    with_value_findings,
-)
+from seaid.identification.result import Identification, extension_of, identified_robot
 from seaid.identification.sensitivity import exact_constants, scaled_by_bodies, sensitivity_findings
-from seaid.identification.stacked_fits import LOAD
+from seaid.identification.stacked_fits import LOAD, RobotEstimate
 from seaid.identification.two_step import TwoStepFits
+from seaid.log import Motion
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
@@ -208,3 +216,115 @@ def _with_fit_quality(
         known_std=FrozenMapping(dict(problem.options.known_std)),
         setup=setup,
     )
+
+
+def value_findings(
+    sides: RobotEstimate, nominal: Robot, robot: Robot, qr_factors: Mapping[str, QRFactor] | None
+) -> list[Finding]:
+    """Return what the values of both sides show, and what the errors of their rows do.
+
+    `nominal` is the robot before a search. `qr_factors` {joint: that of its motor equation} are
+    those of the fits if None.
+    """
+    fits = {joint: side.qr_factor for joint, side in sides.actuators.items()}
+    findings: list[Finding] = []
+    with guarded(CODES["poorly-identified"], findings):
+        for joint, estimate in sides.drives.items():
+            drive, before = robot.drives[joint], nominal.drives[joint].known
+            findings += fixed_findings(joint, drive, [x for x in drive.known if x not in before])
+            if joint in sides.actuators:
+                findings += noise_findings(sides.actuators[joint].estimate)
+            findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
+    with guarded(CODES["torque-offset"], findings):
+        findings += offset_findings(robot, sides.fit)
+    with guarded(CODES["drift"], findings):
+        findings += noise_findings(sides.load)
+    return findings
+
+
+def with_value_findings(result: Identification, values: Iterable[Finding]) -> Identification:
+    """Return an identification with the findings of its values, bodies, gears and channels."""
+    described = [processing.sources or {} for processing in result.processing] or [{}]
+    drives, findings = result.drives, [*values]
+    with guarded(CODES["gear-compliance"], findings):
+        for gear in result.gears.values():
+            if "gear_stiffness" in gear.names:  # else the gear is rigid within the errors
+                findings += noise_findings(gear)
+    findings += () if result.feasible is None else result.feasible.warnings
+    findings += excluded_findings(result.processing)
+    with guarded(CODES["unused-channel"], findings):
+        joints, motions = result.model.torque_joints, result.motions
+        findings += unused_findings(result.known, drives, joints, motions)
+    with guarded(CODES["gear-compliance"], findings):
+        findings += gear_findings(result.known, result.drive_side, result.gears, described)
+    return result.with_findings(findings)
+
+
+def identification_of(
+    robot: Robot,
+    sides: RobotEstimate,
+    datasets: Sequence[Dataset],
+    feasible: FeasibleParameters | None = None,
+    declared: Robot | None = None,
+) -> Identification:
+    """Return the estimates of both sides as an Identification of the robot.
+
+    `declared` has the gears as given where the deflection of the spring was measured.
+    """
+    sprung = gear_estimates(robot, datasets, sides.drives, estimator_named("wls"))
+    gears = {joint: gear for joint, (gear, _) in sprung.items()}
+    identified = identified_robot(robot, sides) if feasible is None else feasible.robot
+    return Identification(
+        drive_side=FrozenMapping(sides.drives),
+        load=sides.load,
+        base=sides.model.base,
+        robot=with_gears(identified, declared or robot, gears),
+        known=robot,
+        model=sides.model,
+        load_side=sides.load_side,
+        springs=FrozenMapping(sides.springs),
+        cutoff_hz=datasets[0].cutoff_hz,
+        excluded=FrozenMapping(sides.excluded),
+        checks=FrozenMapping(sides.checks),
+        feasible=feasible,
+        gears=FrozenMapping(gears),
+        processing=processing_of(datasets),
+        motions=tuple(dataset for dataset in datasets if isinstance(dataset, Motion)),
+        findings=tuple(rigid_gear(joint, x) for joint, (_, x) in sprung.items() if x is not None),
+        not_shared=sides.not_shared,
+        shared=sides.shared,
+    )
+
+
+def feasible_of(robot: Robot, estimate: RobotEstimate) -> FeasibleParameters:
+    """Return the physically consistent parameters nearest to the estimate of both sides."""
+    # A drive that is in the estimate of both sides is not stacked on it; the columns of torque
+    # offsets come after those of the load side.
+    side, elastic = estimate.whole or estimate.load_side, dict[str, Estimate]()
+    if estimate.whole is None:
+        elastic = _elastic_drives(robot, side, estimate.drives)
+    white = estimate.fit.white_covariance[: len(side.names), : len(side.names)]
+    side, white = with_fixed_delays(robot.drives, side, white)
+    return feasible_parameters(robot, estimate.model, side, elastic, white_covariance=white)
+
+
+def _elastic_drives(
+    robot: Robot, load_side: Estimate, drives: Mapping[str, Estimate]
+) -> dict[str, Estimate]:
+    """Return the estimates of elastic drives, without what the load side contains."""
+    elastic = {}
+    for joint in robot.elastic_joints:
+        drive = drives[joint]
+        alone = [name for name in drive.names if ParameterName(name, joint) not in load_side.names]
+        # A parameter that is zero by definition has no distance from another value.
+        part = drive.of_names(name for name in alone if drive.standard_error(name) > 0)
+        elastic[joint] = with_fixed_delays(robot.drives, part, part.covariance, joint)[0]
+    return elastic
+
+
+def consistent_bodies(result: Identification) -> Identification:
+    """Return an identification with the physically consistent bodies nearest to it."""
+    drives = _elastic_drives(result.known, result.load_side, result.drive_side)
+    nearest = feasible_parameters(result.known, result.model, result.load_side, drives)
+    consistent = replace(result, feasible=nearest, robot=nearest.robot)
+    return consistent.with_findings(nearest.warnings)

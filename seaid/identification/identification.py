@@ -26,7 +26,7 @@ from seaid.estimation import Estimate
 from seaid.estimation.fitting import EstimatorName
 from seaid.estimation.parameters import with_groups
 from seaid.identification import output_error
-from seaid.identification.conclusion import conclude
+from seaid.identification.conclusion import conclude, consistent_bodies
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.model_selection import with_fixed_default_terms
 from seaid.identification.problem import Method, Options, solve
@@ -34,7 +34,6 @@ from seaid.identification.result import (
     Fit,
     Identification,
     Validation,
-    consistent_bodies,
     extension_of,
 )
 from seaid.identification.simulated_joints import check_refinable

@@ -424,9 +424,7 @@ def assemble(
         moving, kept, stopped = checking.without_standing(declared, kept, still)
         nominal = with_rigid_gears(moving, springs)
         cases[name] = Case(recorded, declared, nominal, nominal, kept, stopped, recorded.datasets)
-    cases = _linearised(cases)
-    _check_models({name: case.condition for name, case in cases.items()})
-    return Problem(options, cases)
+    return Problem(options, _linearised(cases))
 
 
 def _common(joints: Sequence[Sequence[str]]) -> tuple[str, ...]:
@@ -451,16 +449,6 @@ def _linearised(cases: Mapping[str, Case]) -> dict[str, Case]:
         straight[name] = replace(case, robot=robot, datasets=datasets)
         start = start or straight[name]
     return straight
-
-
-def _check_models(conditions: Mapping[str, Condition]) -> None:
-    first, *others = conditions
-    for name in others:
-        if conditions[name].model.names != conditions[first].model.names:
-            raise IdentificationError(
-                f"conditions '{first}' and '{name}' do not have the same base parameters and "
-                "drives: they must be one type of robot, with the same joints; payloads may differ"
-            )
 
 
 def _with_first_estimates(problem: Problem) -> Problem:

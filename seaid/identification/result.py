@@ -11,29 +11,17 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import Display, Result, counted, sampled_text
-from seaid.checks import CODES, JointCheck, JointFit, Verdict
-from seaid.checks.channels import excluded_findings
-from seaid.checks.codes import consequences, guarded, merged, that_matter
+from seaid.checks import JointCheck, JointFit, Verdict
+from seaid.checks.codes import consequences, merged, that_matter
 from seaid.checks.tolerances import SURE
-from seaid.checks.values import (
-    drive_findings,
-    fixed_findings,
-    gear_findings,
-    noise_findings,
-    offset_findings,
-    rigid_gear,
-    unused_findings,
-)
 from seaid.checks.verdict import verdict_of
-from seaid.drives import ParameterName
 from seaid.errors import Finding, by_severity
-from seaid.estimation import Estimate, FittedRows, SharedParameter, estimator_named
+from seaid.estimation import Estimate, FittedRows, SharedParameter
 from seaid.estimation.estimate import ModelChecks
-from seaid.estimation.qr_factor import QRFactor
-from seaid.identification.consistency import FeasibleParameters, feasible_parameters
-from seaid.identification.datasets import Dataset, processing_of
-from seaid.identification.drive_estimates import with_estimate, with_fixed_delays
-from seaid.identification.gear import gear_estimates, own_estimates, with_gears
+from seaid.identification.consistency import FeasibleParameters
+from seaid.identification.datasets import Dataset
+from seaid.identification.drive_estimates import with_estimate
+from seaid.identification.gear import own_estimates
 from seaid.identification.stacked_fits import RobotEstimate, SensorErrors
 from seaid.log import Log, Motion, Processing
 from seaid.regressor import BaseParameters
@@ -311,118 +299,6 @@ def negative_inertias(robot: Robot, drives: Mapping[str, Estimate]) -> dict[str,
                 "negative one"
             )
     return reasons
-
-
-def value_findings(
-    sides: RobotEstimate, nominal: Robot, robot: Robot, qr_factors: Mapping[str, QRFactor] | None
-) -> list[Finding]:
-    """Return what the values of both sides show, and what the errors of their rows do.
-
-    `nominal` is the robot before a search. `qr_factors` {joint: that of its motor equation} are
-    those of the fits if None.
-    """
-    fits = {joint: side.qr_factor for joint, side in sides.actuators.items()}
-    findings: list[Finding] = []
-    with guarded(CODES["poorly-identified"], findings):
-        for joint, estimate in sides.drives.items():
-            drive, before = robot.drives[joint], nominal.drives[joint].known
-            findings += fixed_findings(joint, drive, [x for x in drive.known if x not in before])
-            if joint in sides.actuators:
-                findings += noise_findings(sides.actuators[joint].estimate)
-            findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
-    with guarded(CODES["torque-offset"], findings):
-        findings += offset_findings(robot, sides.fit)
-    with guarded(CODES["drift"], findings):
-        findings += noise_findings(sides.load)
-    return findings
-
-
-def with_value_findings(result: Identification, values: Iterable[Finding]) -> Identification:
-    """Return an identification with the findings of its values, bodies, gears and channels."""
-    described = [processing.sources or {} for processing in result.processing] or [{}]
-    drives, findings = result.drives, [*values]
-    with guarded(CODES["gear-compliance"], findings):
-        for gear in result.gears.values():
-            if "gear_stiffness" in gear.names:  # else the gear is rigid within the errors
-                findings += noise_findings(gear)
-    findings += () if result.feasible is None else result.feasible.warnings
-    findings += excluded_findings(result.processing)
-    with guarded(CODES["unused-channel"], findings):
-        joints, motions = result.model.torque_joints, result.motions
-        findings += unused_findings(result.known, drives, joints, motions)
-    with guarded(CODES["gear-compliance"], findings):
-        findings += gear_findings(result.known, result.drive_side, result.gears, described)
-    return result.with_findings(findings)
-
-
-def identification_of(
-    robot: Robot,
-    sides: RobotEstimate,
-    datasets: Sequence[Dataset],
-    feasible: FeasibleParameters | None = None,
-    declared: Robot | None = None,
-) -> Identification:
-    """Return the estimates of both sides as an Identification of the robot.
-
-    `declared` has the gears as given where the deflection of the spring was measured.
-    """
-    sprung = gear_estimates(robot, datasets, sides.drives, estimator_named("wls"))
-    gears = {joint: gear for joint, (gear, _) in sprung.items()}
-    identified = identified_robot(robot, sides) if feasible is None else feasible.robot
-    return Identification(
-        drive_side=FrozenMapping(sides.drives),
-        load=sides.load,
-        base=sides.model.base,
-        robot=with_gears(identified, declared or robot, gears),
-        known=robot,
-        model=sides.model,
-        load_side=sides.load_side,
-        springs=FrozenMapping(sides.springs),
-        cutoff_hz=datasets[0].cutoff_hz,
-        excluded=FrozenMapping(sides.excluded),
-        checks=FrozenMapping(sides.checks),
-        feasible=feasible,
-        gears=FrozenMapping(gears),
-        processing=processing_of(datasets),
-        motions=tuple(dataset for dataset in datasets if isinstance(dataset, Motion)),
-        findings=tuple(rigid_gear(joint, x) for joint, (_, x) in sprung.items() if x is not None),
-        not_shared=sides.not_shared,
-        shared=sides.shared,
-    )
-
-
-def feasible_of(robot: Robot, estimate: RobotEstimate) -> FeasibleParameters:
-    """Return the physically consistent parameters nearest to the estimate of both sides."""
-    # A drive that is in the estimate of both sides is not stacked on it; the columns of torque
-    # offsets come after those of the load side.
-    side, elastic = estimate.whole or estimate.load_side, dict[str, Estimate]()
-    if estimate.whole is None:
-        elastic = _elastic_drives(robot, side, estimate.drives)
-    white = estimate.fit.white_covariance[: len(side.names), : len(side.names)]
-    side, white = with_fixed_delays(robot.drives, side, white)
-    return feasible_parameters(robot, estimate.model, side, elastic, white_covariance=white)
-
-
-def _elastic_drives(
-    robot: Robot, load_side: Estimate, drives: Mapping[str, Estimate]
-) -> dict[str, Estimate]:
-    """Return the estimates of elastic drives, without what the load side contains."""
-    elastic = {}
-    for joint in robot.elastic_joints:
-        drive = drives[joint]
-        alone = [name for name in drive.names if ParameterName(name, joint) not in load_side.names]
-        # A parameter that is zero by definition has no distance from another value.
-        part = drive.of_names(name for name in alone if drive.standard_error(name) > 0)
-        elastic[joint] = with_fixed_delays(robot.drives, part, part.covariance, joint)[0]
-    return elastic
-
-
-def consistent_bodies(result: Identification) -> Identification:
-    """Return an identification with the physically consistent bodies nearest to it."""
-    drives = _elastic_drives(result.known, result.load_side, result.drive_side)
-    nearest = feasible_parameters(result.known, result.model, result.load_side, drives)
-    consistent = replace(result, feasible=nearest, robot=nearest.robot)
-    return consistent.with_findings(nearest.warnings)
 
 
 def identified_robot(robot: Robot, sides: RobotEstimate) -> Robot:
