@@ -28,8 +28,7 @@ from seaid.identification.nonlinear_terms import linearised_robot, with_searched
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.legged import load_robot
 from seaid.log import Log, Motion
-from seaid.regressor import base_parameters, joint_torques
-from seaid.regressor.load import load_model
+from seaid.regressor import joint_torques
 from seaid.robot import Payload, Robot
 from tests.experiments import motion_of
 
@@ -230,8 +229,7 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     known = robot.without_nominal()
     used = joints_with_torque(known, [motion]) if rows is None else tuple(rows)
     known, datasets = linearised_robot(known, [motion], used)
-    model = load_model(known, base_parameters(known, torque_joints=used), used)
-    condition, estimator = Condition(known, datasets, model), estimator_named("wls")
+    condition, estimator = Condition(known, datasets, used), estimator_named("wls")
     sides = estimate_two_step({ONLY: condition}, estimator).of(ONLY)
     values = value_findings(sides, robot, known, None)
     sides = replace(sides, drives=with_searched_values(sides.drives, robot, known))

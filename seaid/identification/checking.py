@@ -43,7 +43,7 @@ from seaid.identification.unseen_springs import joints_sensed_by_motor_only, wit
 from seaid.log import Log, Motion, row_samples
 from seaid.log.rows import still_speed
 from seaid.regressor import BaseParameters, motor_regressor
-from seaid.regressor.load import known_frictions, load_model_of, usable_rows
+from seaid.regressor.load import known_frictions, usable_rows
 from seaid.regressor.regression import actuator_rows, is_linear
 from seaid.robot import Robot
 
@@ -160,11 +160,12 @@ def _quick_fit_findings(
         datasets: list[Dataset] = [*motions]
         if not is_linear(robot, used):
             robot, datasets = linearised_robot(robot, datasets, used)
-        model = load_model_of(robot, list(map(first_motion, datasets)), used)
-        solver = estimator_named("wls")
-        fit = estimate_two_step({ONLY: Condition(robot, datasets, model)}, solver).of(ONLY)
+        condition = Condition(robot, datasets, used)
+        fit = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
         in_memory = [dataset for dataset in datasets if isinstance(dataset, Motion)]
-        sides = checked_sides(robot, in_memory, logs, (fit.actuators, fit.fit), (), model.base)
+        sides = checked_sides(
+            robot, in_memory, logs, (fit.actuators, fit.fit), (), condition.model.base
+        )
         shown = model_findings(selections(sides), known)
         return [x for x in shown if x.severity != "note" and x.code in _OF_LOGS]
     return []
@@ -356,19 +357,19 @@ def check_channels(logs: Sequence[Log], locked: Collection[str] = ()) -> None:
     """
     for log in logs:
         for index, joint in enumerate(log.joint_names):
-            sides = {
+            channels = {
                 "motor position": log.motor_position[:, index],
                 "joint position": log.joint_position[:, index],
             }
-            pairs = [tuple(sides)] if joint in locked else [tuple(sides), tuple(sides)[::-1]]
-            for dead, moving in pairs:
-                _check_alive(joint, dead, sides[dead], moving, sides[moving])
-            torques = {"motor torque": log.motor_torque[:, index]}
-            if log.joint_torque is not None:
-                torques["joint torque"] = log.joint_torque[:, index]
+            sides = motor, output = tuple(channels)
+            pairs = [(motor, output)] if joint in locked else [(motor, output), (output, motor)]
+            torques = {"motor torque": log.motor_torque, "joint torque": log.joint_torque}
             for name, torque in torques.items():
-                for side, position in sides.items():
-                    _check_alive(joint, name, torque, side, position)
+                if torque is not None:
+                    channels[name] = torque[:, index]
+                    pairs += [(name, side) for side in sides]
+            for dead, moving in pairs:
+                _check_alive(joint, dead, channels[dead], moving, channels[moving])
 
 
 def _check_alive(joint: str, name: str, values: Array, moving: str, position: Array) -> None:

@@ -40,7 +40,7 @@ from seaid.errors import Finding
 from seaid.estimation import Estimate, estimator_named
 from seaid.estimation.qr_factor import QRFactor, qr_factor_of
 from seaid.identification.consistency import FeasibleParameters, feasible_parameters
-from seaid.identification.datasets import Dataset, first_motion, processing_of
+from seaid.identification.datasets import Dataset, processing_of
 from seaid.identification.drive_estimates import with_fixed_delays, with_free_scale
 from seaid.identification.gear import gear_estimates, with_gears
 from seaid.identification.model_selection import backlash_findings
@@ -75,7 +75,7 @@ def conclude(problem: Problem, name: str) -> Identification:
     if is_only and not is_wrong(findings):
         with guarded(CODES["estimator-disagrees"], findings):
             two_step = problem.two_step[name]
-            findings += sensitivity_findings(case.condition, two_step, options.estimator)
+            findings += sensitivity_findings(case, two_step, options.estimator)
     result = _identification(problem, name)
     estimate = problem.with_errors_of_constants[name]
     with guarded(CODES["drives-differ"], values):
@@ -187,7 +187,7 @@ def _with_fit_quality(
     robot, experiment, actuators = case.robot, case.experiment, problem.two_step[name].actuators
     bodies = result.robot.parameters + robot.payload_parameters
     # More rows do not reduce the errors of what was given as known.
-    of_load = case.condition.model.base, problem.estimates[name].load
+    of_load = case.model.base, problem.estimates[name].load
     explains = robot_fit(fit, actuators, experiment, bodies, case.logs.locked, *of_load)
     of_fit = [
         replace(finding, remedy=f"{finding.remedy}{_CONDITIONS_DIFFER}")
@@ -206,7 +206,7 @@ def _with_fit_quality(
         of_rows = extension.fit_findings(result, case.datasets, fit.fit, case.bias)
         findings += consequences(findings, of_rows)
     findings += extension.value_findings(case.declared, result)
-    setup = joint_checks(experiment, list(map(first_motion, case.datasets)), findings)
+    setup = joint_checks(experiment, case.motions, findings)
     return replace(
         result,
         findings=tuple(findings),

@@ -15,7 +15,7 @@ from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
 from seaid.drives import PARAMETERS, ParameterName
 from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
-from seaid.estimation import FittedRows, TermTest
+from seaid.estimation import TermTest
 from seaid.estimation.estimate import independent_rows
 from seaid.estimation.fitting import LinearEstimator
 from seaid.estimation.parameters import shared_parameters
@@ -124,23 +124,18 @@ def identify_conditions(
     return Conditions(FrozenMapping(parts), tuple(condition_specific), tests)
 
 
-def _differences_of(fit: FittedRows) -> dict[str, TermTest]:
-    """Return {specific parameter: test of whether the conditions differ in it}."""
-    groups: dict[ParameterName, list[int]] = {}
-    for place, name in enumerate(fit.estimate.names):
-        if name.condition is not None:
-            groups.setdefault(name.within(None), []).append(place)
-    tested = shared_parameters(fit.estimate, groups, independent_rows(fit.qr_factor, fit.estimate))
-    return {parameter.name: parameter.difference for parameter in tested}
-
-
 def _differences(fits: TwoStepFits) -> dict[str, TermTest]:
     """Return {specific parameter (of a joint): test of whether the conditions differ in it}."""
-    return {
-        ParameterName(name, joint): test
-        for joint, fit in fits.actuators.items()
-        for name, test in _differences_of(fit).items()
-    } | _differences_of(fits.load)
+    tests = dict[str, TermTest]()
+    for joint, fit in [*fits.actuators.items(), ("", fits.load)]:
+        groups: dict[ParameterName, list[int]] = {}
+        for place, name in enumerate(fit.estimate.names):
+            if name.condition is not None:
+                groups.setdefault(name.within(None), []).append(place)
+        rows = independent_rows(fit.qr_factor, fit.estimate)
+        for tested in shared_parameters(fit.estimate, groups, rows):
+            tests[ParameterName(tested.name, joint) if joint else tested.name] = tested.difference
+    return tests
 
 
 def _check_conditions(conditions: Mapping[str, object]) -> None:
@@ -167,15 +162,10 @@ def _check_joints(robots: Mapping[str, Robot]) -> None:
 
 
 def _check_specific(robot: Robot, specific: Sequence[str]) -> None:
-    allowed = [BODIES, *PARAMETERS]
     for name in map(ParameterName.read, specific):
-        if name.quantity not in allowed:
-            raise IdentificationError(
-                "condition_specific=: " + unknown_name("parameter", name.quantity, allowed),
-                "condition_specific=",
-            )
-        if name.owner and name.owner not in robot.joint_names:
-            raise IdentificationError(
-                "condition_specific=: " + unknown_name("joint", name.owner, robot.joint_names),
-                "condition_specific=",
-            )
+        parts = [("parameter", name.quantity, [BODIES, *PARAMETERS])]
+        parts += [("joint", name.owner, list(robot.joint_names))] if name.owner else []
+        for kind, part, allowed in parts:
+            if part not in allowed:
+                unknown = unknown_name(kind, part, allowed)
+                raise IdentificationError(f"condition_specific=: {unknown}", "condition_specific=")

@@ -125,17 +125,23 @@ def feasible_parameters(
     RobotError
         For a prior of another shape.
     """
+    if weight is not None and not (np.isfinite(weight) and weight >= 0):
+        raise IdentificationError(
+            f"weight= must be zero or more and finite (None: selected), found {weight}"
+        )
     if white_covariance is not None:
         size = len(load_side.names)
         white = finite("white_covariance", white_covariance, (size, size), IdentificationError)
-        load_side = replace(
-            load_side, covariance=sdp.floored_covariance(load_side.covariance, white)
-        )
+        floored = sdp.floored_covariance(load_side.covariance, white)
+        load_side = replace(load_side, covariance=floored)
     known = _stacked(model, load_side, drives or {})
     bodies, notes = prior_bodies(robot, robot.parameters if prior is None else prior)
     program, words = body_program(robot, model, known, bodies)
     bound = nearest(program)
-    point = _weighted(program, weight, bound.chi_square)
+    if weight is None:
+        point = sdp.of_least_risk(program, bound.chi_square)
+    else:
+        point = sdp.regularised(program, max(weight, sdp.WEIGHTS[-1]))
     return FeasibleParameters(
         robot=_robot(robot, model, known, point),
         parameters=_bodies(robot, point),
@@ -173,16 +179,6 @@ def _stacked(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimat
     return whole
 
 
-def _weighted(program: sdp.Program, weight: float | None, least: float) -> sdp.FeasiblePoint:
-    if weight is None:
-        return sdp.of_least_risk(program, least)
-    if not (np.isfinite(weight) and weight >= 0):
-        raise IdentificationError(
-            f"weight= must be zero or more and finite (None: selected), found {weight}"
-        )
-    return sdp.regularised(program, max(weight, sdp.WEIGHTS[-1]))
-
-
 def _bodies(robot: Robot, point: sdp.FeasiblePoint) -> Array:
     """Return the standard parameters (10n,) of a feasible point, known ones as they are."""
     return np.where(robot.is_known, robot.parameters, point.unknowns[: robot.parameters.size])
@@ -193,20 +189,11 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, point: sdp.FeasibleP
     m, names = robot.parameters.size, dict(zip(known.names, point.values, strict=True))
     for (joint, name, _), value in zip(model.absorbed, point.unknowns[m:], strict=False):
         names[ParameterName(name, joint)] = value
-    drives = dict(robot.drives)
-    for joint, drive in drives.items():
-        drive_values = {
-            name.quantity: _rounded(name.quantity, value)
-            for name, value in names.items()
-            if name.owner == joint
-        }
-        drives[joint] = with_values(drive, drive_values)
+    drives = {}
+    for joint, drive in robot.drives.items():
+        own = {name.quantity: value for name, value in names.items() if name.owner == joint}
+        drives[joint] = with_values(drive, own)
     return robot.with_values(_bodies(robot, point), drives)
-
-
-def _rounded(name: str, value: float) -> float:
-    """Return the value of a drive's parameter, or zero if rounding made it negative."""
-    return max(value, 0.0) if name in NON_NEGATIVE else value
 
 
 def _active_bounds(robot: Robot, point: sdp.FeasiblePoint, words: list[str]) -> tuple[str, ...]:

@@ -60,14 +60,14 @@ def datasets_by_log(
     The common cutoff is not below the limit of the shortest log. A log with gaps in time has one
     motion per stretch between them. The executor reconstructs one log per task.
     """
-    groups = _mapped(partial(_datasets, robot, cutoff_hz), sources, executor, progress, _FILTER)
+    filtered = partial(_mapped, executor=executor, progress=progress, description=_FILTER)
+    groups = filtered(partial(_datasets, robot, cutoff_hz), sources)
     common = min(group[0].cutoff_hz for group in groups)
     if cutoff_hz is None:
         # The lowest cutoff of one log may be below what another one, a shorter log, allows.
         common = max([common, *(1.001 * _lowest_hz(group) for group in groups)])
-    others = [place for place, group in enumerate(groups) if group[0].cutoff_hz != common]
-    again = [sources[place] for place in others]
-    redone = _mapped(partial(_datasets, robot, common), again, executor, progress, _FILTER)
+    others = {x: sources[x] for x, group in enumerate(groups) if group[0].cutoff_hz != common}
+    redone = filtered(partial(_datasets, robot, common), [*others.values()])
     for place, group in zip(others, redone, strict=True):
         groups[place] = list(map(_in_common, group))
     return groups
@@ -192,18 +192,12 @@ def _datasets(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Dat
     """Return a log file read in pieces, or the motions between the gaps of a log in memory."""
     if isinstance(source, Log):
         return list(reconstruct_motions(robot, source, cutoff_hz))
-    if isinstance(source, LongLog):
-        if cutoff_hz in (None, source.cutoff_hz):
-            return [source]
-        return [
-            open_long_log(
-                source.path,
-                robot,
-                cutoff_hz=cutoff_hz,
-                chunk_samples=source.chunk_samples,
-            )
-        ]
-    return [open_long_log(source, robot, cutoff_hz=cutoff_hz)]
+    if not isinstance(source, LongLog):
+        return [open_long_log(source, robot, cutoff_hz=cutoff_hz)]
+    if cutoff_hz in (None, source.cutoff_hz):
+        return [source]
+    samples = source.chunk_samples
+    return [open_long_log(source.path, robot, cutoff_hz=cutoff_hz, chunk_samples=samples)]
 
 
 def _rows(equations: Mapping[str, Regress], dataset: Dataset) -> dict[str, Regression]:
@@ -213,10 +207,8 @@ def _rows(equations: Mapping[str, Regress], dataset: Dataset) -> dict[str, Regre
     parts: dict[str, list[Regression]] = {name: [] for name in equations}
     for name, rows in regressions_of_parts(dataset, equations):
         parts[name].append(rows)
-    return {
-        name: replace(rows, run=np.zeros(len(rows.y)))
-        for name, rows in ((name, stacked(pieces)) for name, pieces in parts.items())
-    }
+    whole = {name: stacked(pieces) for name, pieces in parts.items()}
+    return {name: replace(rows, run=np.zeros(len(rows.y))) for name, rows in whole.items()}
 
 
 def _mapped(

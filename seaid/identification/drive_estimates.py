@@ -12,13 +12,13 @@ the motor equation, a torque sensor behind the gear in (4b), or known bodies in 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.polynomial import polynomial
+from scipy import signal
 
 from seaid._arrays import Array, safely
 from seaid._files import toml_table
@@ -57,11 +57,6 @@ def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
     return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in springs}
 
 
-def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
-    """Return the drive with its estimated values."""
-    return with_values(drive, estimate.by_name)
-
-
 def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
     """Return the drive with those of the values that are its own and have their proper sign."""
     return drive.with_values(
@@ -96,11 +91,8 @@ def _spectra(robot: Robot, motion: Motion, joint: str) -> float:
     regressor = spring_regressor(robot, joint)
     torque, columns = regressor.evaluate(by_name)
     both = np.column_stack([torque, columns[:, regressor.names.index("stiffness")]])
-    # Without the line through the samples, and with a Hann window: of a ratio the scale cancels.
-    phase = np.linspace(-1.0, 1.0, len(both), endpoint=False)
-    both -= polynomial.polyval(phase, polynomial.polyfit(phase, both, 1)).T
-    power = np.abs(np.fft.rfft(both * (1 + np.cos(np.pi * phase))[:, None], axis=0)) ** 2
-    frequency = np.fft.rfftfreq(len(both), 1 / motion.rate_hz)
+    options: dict[str, Any] = {"window": "hann", "detrend": "linear", "axis": 0}
+    frequency, power = signal.periodogram(both, motion.rate_hz, **options)
     seen = (frequency > _BAND[0] * motion.cutoff_hz) & (frequency < _BAND[1] * motion.cutoff_hz)
     # The median over the lines, which the few peaks of vibration do not move.
     torque_noise, deflection_noise = np.median(power[seen], axis=0) if np.any(seen) else (0.0, 0.0)
@@ -140,7 +132,7 @@ def with_shared_parameters(
     if not buses and not groups:
         return fitted
     white, p = fitted.white_covariance, len(free.names)
-    equal = _equal(buses, groups)
+    equal = [*(bus.places for bus in buses), *groups.values()]
     constraints = Constraints.of(p, equal)
     estimate = constraints.applied(free, white)
     P, _ = constraints.solution(white)
@@ -152,13 +144,6 @@ def with_shared_parameters(
     P, G = constraints.solution(white)
     shared = shared_parameters(free, groups, rows)
     return replace(fitted, estimate=estimate, constraint=(P, G @ constraints.b), shared=shared)
-
-
-def _equal(
-    buses: Iterable[Bus], groups: Mapping[ParameterName, Sequence[int]]
-) -> list[Sequence[int]]:
-    """Return the places of the columns of each parameter that several drives have."""
-    return [*(bus.places for bus in buses), *groups.values()]
 
 
 def _undetermined(buses: Sequence[Bus], estimate: Estimate, white: Array, count: int) -> list[Bus]:
@@ -191,7 +176,8 @@ def with_fixed_delays(
     buses = buses_of(drives, estimate.names, joint)
     groups = shared_columns(drives, estimate.names, joint)
     exact = [bus for bus in buses if is_stated(estimate.standard_errors[bus.places[0]], bus.std_s)]
-    constraints = Constraints.of(len(white), _equal(buses, groups), exact)
+    equal = [*(bus.places for bus in buses), *groups.values()]
+    constraints = Constraints.of(len(white), equal, exact)
     if not len(constraints.A):
         return estimate, white
     P, _ = constraints.solution(white)

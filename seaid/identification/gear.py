@@ -232,15 +232,15 @@ def _pairs(
     motor: Array | Sequence[Array], output: Array | Sequence[Array]
 ) -> list[tuple[Array, Array]]:
     several = isinstance(motor, list | tuple) and np.ndim(motor[0]) > 0
-    motors, outputs = (list(angles) if several else [angles] for angles in (motor, output))
-    if len(motors) != len(outputs):
+    sides = [list(side) if several else [side] for side in (motor, output)]
+    if len(sides[0]) != len(sides[1]):
         raise LogError(
-            f"gear_ratio needs the same number of logs for both angles, found {len(motors)} and "
-            f"{len(outputs)}"
+            "gear_ratio needs the same number of logs for both angles, found "
+            f"{len(sides[0])} and {len(sides[1])}"
         )
     pairs = []
-    for motor_angle, output_angle in zip(motors, outputs, strict=True):
-        a, b = np.asarray(motor_angle, dtype=float), np.asarray(output_angle, dtype=float)
+    for angles in zip(*sides, strict=True):
+        a, b = (np.asarray(angle, dtype=float) for angle in angles)
         if a.ndim != 1 or a.shape != b.shape or len(a) < 2:
             raise LogError(
                 f"gear_ratio needs two angles of shape (T,), found shapes {a.shape} and {b.shape}"

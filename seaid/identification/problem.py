@@ -61,7 +61,7 @@ from seaid.identification.two_step import (
 from seaid.log import Log, Motion
 from seaid.log.commands import with_commanded_torque
 from seaid.log.usable_parts import stretches
-from seaid.regressor.load import check_offset_std, load_model_of
+from seaid.regressor.load import check_offset_std
 from seaid.regressor.regression import is_linear
 from seaid.robot import Robot
 
@@ -166,8 +166,8 @@ class ConditionLogs:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
-    """The equations of the robot of one condition, for the `used` joints with a torque.
+class Case(Condition):
+    """The equations of the robot of one condition.
 
     `declared` is the robot as given, without the loads of locked joints. `nominal` is `declared`
     without the drives {joint: drive} that are `stopped`, because they stand still, and has the
@@ -178,20 +178,11 @@ class Case:
     logs: ConditionLogs
     declared: Robot
     nominal: Robot
-    robot: Robot
-    used: tuple[str, ...]
     stopped: Mapping[str, Drive]
-    datasets: list[Dataset]
     bias: SensorErrors | None = None
 
-    @cached_property
-    def condition(self) -> Condition:
-        """The robot, its datasets and the columns of its load side."""
-        model = load_model_of(self.robot, list(map(first_motion, self.datasets)), self.used)
-        return Condition(self.robot, self.datasets, model)
-
     @property
-    def motions(self) -> list[Motion]:
+    def motions_in_memory(self) -> list[Motion]:
         """The motions if all logs are in memory, else none."""
         motions = [dataset for dataset in self.datasets if isinstance(dataset, Motion)]
         return motions if len(motions) == len(self.datasets) else []
@@ -232,7 +223,7 @@ class Problem:
         """The fits of both sides in turn, with the errors of encoder offsets."""
         bias, options = self.only.bias if self.only else None, self.options
         fits = estimate_two_step(
-            self.conditions,
+            self.cases,
             options.linear_estimator,
             options.executor,
             options.progress,
@@ -244,17 +235,12 @@ class Problem:
         estimates = {name: fits.of(name) for name in self.cases}
         return replace(fits, known_errors=self.offsets.known_errors(estimates))
 
-    @property
-    def conditions(self) -> Mapping[str, Condition]:
-        """The conditions by name."""
-        return {name: case.condition for name, case in self.cases.items()}
-
     @cached_property
     def offsets(self) -> GivenConstants:
         """The encoders as given, and all else as exact."""
         std, options = self.options.encoder_offset_std, self.options
         constants = {name: encoder_offsets(case.robot, std) for name, case in self.cases.items()}
-        return GivenConstants(self.conditions, constants, options.specific, options.executor)
+        return GivenConstants(self.cases, constants, options.specific, options.executor)
 
     @cached_property
     def two_step(self) -> Mapping[str, RobotEstimate]:
@@ -271,14 +257,14 @@ class Problem:
         if self.only is None:
             return self.two_step
         ((name, start),), options, case = self.two_step.items(), self.options, self.only
-        condition, executor = case.condition, options.executor
+        executor = options.executor
 
         def at_once() -> RobotEstimate:
-            both = estimate_simultaneous(condition, start, options.linear_estimator, executor)
+            both = estimate_simultaneous(case, start, options.linear_estimator, executor)
             return self.offsets.included({name: both})[name]
 
         if options.estimator == "iv":
-            instrumental = estimate_instrumental(condition, start, executor)
+            instrumental = estimate_instrumental(case, start, executor)
             return self.offsets.included({name: instrumental})
         if options.method == "simultaneous":
             return {name: at_once()}
@@ -286,12 +272,12 @@ class Problem:
             return self.two_step
         doubtful = [key for side in self.lacking for key in side.doubtful]
         lacking = sorted({(check.code.name, joint) for check, joint in doubtful})
-        return {name: estimate_supported(condition, start, lacking, at_once)}
+        return {name: estimate_supported(case, start, lacking, at_once)}
 
     @cached_property
     def with_errors_of_constants(self) -> Mapping[str, RobotEstimate]:
         """The estimates, with the errors of what was given as known."""
-        of_drives = given_constants(self.conditions, self.options.known_std)
+        of_drives = given_constants(self.cases, self.options.known_std)
         constants = {name: [*x, *self.offsets.constants[name]] for name, x in of_drives.items()}
         if not any(of_drives.values()):
             return self.estimates
@@ -303,8 +289,8 @@ class Problem:
         if self.only is None:
             return []
         (estimate,), case = self.two_step.values(), self.only
-        robot, motions, logs = case.robot, case.motions, case.logs.in_memory
-        fits, base = (estimate.actuators, estimate.fit), case.condition.model.base
+        robot, motions, logs = case.robot, case.motions_in_memory, case.logs.in_memory
+        fits, base = (estimate.actuators, estimate.fit), case.model.base
         known = base, self.options.encoder_offset_std, case.logs.numbers
         gears = deflection_joints(robot, motions)
         return selections(checking.checked_sides(robot, motions, logs, fits, gears, *known))
@@ -423,7 +409,7 @@ def assemble(
         still = {joint: recorded.standing[joint] for joint in standing}
         moving, kept, stopped = checking.without_standing(declared, kept, still)
         nominal = with_rigid_gears(moving, springs)
-        cases[name] = Case(recorded, declared, nominal, nominal, kept, stopped, recorded.datasets)
+        cases[name] = Case(nominal, recorded.datasets, kept, recorded, declared, nominal, stopped)
     return Problem(options, _linearised(cases))
 
 
@@ -489,9 +475,7 @@ def _sensor_errors(problem: Problem, case: Case) -> SensorErrors | None:
     """Return the errors of sensors that the fit of the only case supports."""
     extension, (name,) = result.extension_of(case.robot), problem.cases
     fit = problem.two_step[name].fit
-    return extension.sensor_errors(
-        problem.identified(name), case.datasets, case.condition.model, fit
-    )
+    return extension.sensor_errors(problem.identified(name), case.datasets, case.model, fit)
 
 
 def _with_case(problem: Problem, **changes: Any) -> Problem:

@@ -23,7 +23,7 @@ from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Parameter, Prior
 from seaid.estimation.nonlinear_least_squares import Point, Residuals, Step
 from seaid.estimation.parameters import bounds_of, buses_of, is_stated
-from seaid.identification.drive_estimates import with_estimate, with_values
+from seaid.identification.drive_estimates import with_values
 from seaid.identification.stacked_fits import merged_estimates
 from seaid.log import Motion
 from seaid.regressor import BaseParameters, motor_regressor
@@ -345,7 +345,7 @@ def identification_at(layout: Layout, x: Array, step: Step) -> Identification:
     drives = {joint: values[joint] for joint in start.drive_side}
     robot = with_bodies(start.robot, start.base, load_side.values[: len(start.base.columns)])
     known = start.known.drives
-    robot = robot.with_drives({x: with_estimate(known[x], y) for x, y in drives.items()})
+    robot = robot.with_drives({x: with_values(known[x], y.by_name) for x, y in drives.items()})
     return replace(
         start,
         drive_side=FrozenMapping(drives),

@@ -20,7 +20,7 @@ from seaid.estimation import Estimate, FittedRows, SharedParameter
 from seaid.estimation.estimate import ModelChecks
 from seaid.identification.consistency import FeasibleParameters
 from seaid.identification.datasets import Dataset
-from seaid.identification.drive_estimates import with_estimate
+from seaid.identification.drive_estimates import with_values
 from seaid.identification.gear import own_estimates
 from seaid.identification.stacked_fits import RobotEstimate, SensorErrors
 from seaid.log import Log, Motion, Processing
@@ -321,7 +321,7 @@ def identified_robot(robot: Robot, sides: RobotEstimate) -> Robot:
         correction = base.least(sides.load.values - base.project(prior))
     drives = sides.drives
     identified = {
-        joint: with_estimate(drive, drives[joint]) if joint in drives else drive
+        joint: with_values(drive, drives[joint].by_name) if joint in drives else drive
         for joint, drive in robot.drives.items()
     }
     return robot.with_values(prior + correction, identified)

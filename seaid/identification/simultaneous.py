@@ -386,17 +386,18 @@ def _estimated(
     whole, _ = settled(robot, rows, values, estimation(estimator, propagated))
     # Weights, drift and checks belong to the whitened rows at the solution: residuals of the plain
     # ones are correlated between (7) and (8).
-    change = partial(_solved_rows, robot, estimator, whole)
+
+    def change(rows: Regression) -> Regression:
+        return estimator.effective_rows(whitened(robot, rows, whole.values), whole)
+
     solved = change(rows)
     qr_factor, equal = qr_factor_of(solved), estimator.weigh is least_squares.equal_weights
     weights = least_squares.weights_at(qr_factor, whole.values)
     if estimator.weigh is least_squares.settled_weights:
-        solution, cutoff_hz = (
-            least_squares.solve(qr_factor, weights),
-            condition.datasets[0].cutoff_hz,
-        )
+        solution = least_squares.solve(qr_factor, weights)
+        cutoff_hz = condition.datasets[0].cutoff_hz
         whole = least_squares.with_drifts_of(solved, weights, solution, whole, cutoff_hz)
-    of_joints, springs = whole.by_owner(), tuple(start.springs)
+    of_joints = whole.by_owner()
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
     both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
     optional = [
@@ -408,7 +409,7 @@ def _estimated(
         model=model,
         drives=drives,
         load_side=whole.of_names(model.names),
-        springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
+        springs={x: spring_of(robot, drives[x], x).values for x in start.springs},
         excluded=start.excluded,
         checks={"both": both.checks(optional)},
         fit=both,
@@ -416,13 +417,6 @@ def _estimated(
         regress=regress,
         refit=partial(_estimated, condition, start, estimator, regress, whole.values),
     )
-
-
-def _solved_rows(
-    robot: Robot, estimator: Estimator, whole: Estimate, rows: Regression
-) -> Regression:
-    """Return rows as an estimate of both sides whitens and weights them."""
-    return estimator.effective_rows(whitened(robot, rows, whole.values), whole)
 
 
 def _values(rows: Regression, start: RobotEstimate) -> Array:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import linalg
@@ -50,7 +50,7 @@ from seaid.identification.stacked_fits import (
 )
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, load_regression, motor_regressor
-from seaid.regressor.load import LoadModel
+from seaid.regressor.load import LoadModel, load_model_of
 from seaid.regressor.regression import INPUT_FIELDS, Regress, spring_regression, spring_regressor
 from seaid.robot import Robot
 from seaid.robot.transmission import group_of
@@ -64,11 +64,16 @@ _NEEDED = (STIFFNESS, "spring_offset", "deflection_zero")
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """What was logged in one condition: the robot as it was, its datasets, its load columns."""
+    """What was logged in one condition: its robot, datasets, and joints with a torque in use."""
 
     robot: Robot
     datasets: Sequence[Dataset]
-    model: LoadModel
+    used: Sequence[str]
+
+    @cached_property
+    def model(self) -> LoadModel:
+        """The columns of the load side."""
+        return load_model_of(self.robot, self.motions, self.used)
 
     @property
     def motions(self) -> list[Motion]:

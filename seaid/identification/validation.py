@@ -11,7 +11,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid.checks import Verdict
 from seaid.checks.verdict import verdict_of
-from seaid.drives.terms import between_encoders
+from seaid.drives.terms import MOTOR_CONSTANTS, between_encoders
 from seaid.errors import by_severity
 from seaid.identification.drive_estimates import CONSTANTS
 from seaid.identification.result import Fit, Identification, Validation, extension_of
@@ -59,15 +59,10 @@ def compared(identification: Identification, *given: Motion) -> Validation:
             for motion in motions
         ]
     actuator = [_traces(motion, *_actuator(identification, motion)) for motion in motions]
-    sides = [_load(identification, motion) for motion in motions]
-    load = [
-        _traces(
-            part,
-            *side[:2],
-            np.column_stack([unknown_friction(robot, part, joint) for joint in robot.joint_names]),
-        )
-        for part, side in zip(motions, sides, strict=True)
-    ]
+    sides, load = [_load(identification, motion) for motion in motions], list[Traces]()
+    for motion, (measured, computed, _) in zip(motions, sides, strict=True):
+        still = [unknown_friction(robot, motion, joint) for joint in robot.joint_names]
+        load.append(_traces(motion, measured, computed, np.column_stack(still)))
     comparison = Validation(
         joints=robot.joint_names,
         time=np.concatenate([motion.time for motion in motions]),
@@ -113,14 +108,11 @@ def _input_torque(identification: Identification, motion: Motion, joint: str) ->
     """Return the motor torque (T,) from the logged input and the identified motor constant."""
     drive, estimate = identification.known.drives[joint], identification.drive_side[joint]
     values = {**drive.values, **estimate.by_name}
-    factor = {
-        "current": values.get("torque_constant", np.nan),
-        "voltage": values.get("voltage_constant", np.nan),
-    }.get(drive.motor_input, values["gain_scale"] if drive.is_up_to_scale else 1.0)
-    signal = signals(identification.known, motion, identification.robot.index(joint))[
-        INPUTS[drive.motor_input]
-    ]
-    return np.asarray(factor * signal)
+    factor = values["gain_scale"] if drive.is_up_to_scale else 1.0
+    if constant := MOTOR_CONSTANTS.get(drive.motor_input):
+        factor = values.get(constant, np.nan)
+    logged = signals(identification.known, motion, identification.robot.index(joint))
+    return np.asarray(factor * logged[INPUTS[drive.motor_input]])
 
 
 def _load(identification: Identification, motion: Motion) -> tuple[Array, Array, Array]:
@@ -156,8 +148,7 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array,
 class Traces:
     """Measured and computed torques (T, n), raw and low-passed, and masks.
 
-    `still` (T, n) masks samples with unknown friction; `inside` (T,) those without filter
-    transients.
+    Filtered torques are NaN in transients; `still` (T, n) masks samples with unknown friction.
     """
 
     measured: Array
@@ -165,17 +156,15 @@ class Traces:
     smooth_measured: Array
     smooth_computed: Array
     still: BoolArray
-    inside: BoolArray
 
 
 def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> Traces:
     """Return the torques of a motion for the comparison, without filter transients."""
-    samples = np.arange(len(measured))
     transient = round(motion.transient_s * motion.rate_hz)
-    inside = (samples >= transient) & (samples < len(samples) - transient)
     smooth_measured, smooth_computed = _smooth(motion, measured), _smooth(motion, computed)
-    smooth_measured[~inside] = smooth_computed[~inside] = np.nan
-    return Traces(measured, computed, smooth_measured, smooth_computed, still, inside)
+    for torque in (smooth_measured, smooth_computed):
+        torque[:transient] = torque[max(len(torque) - transient, 0) :] = np.nan
+    return Traces(measured, computed, smooth_measured, smooth_computed, still)
 
 
 def fit_of(parts: Sequence[Traces]) -> Fit:
@@ -184,7 +173,7 @@ def fit_of(parts: Sequence[Traces]) -> Fit:
     whole = Traces(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
     measured, computed = whole.smooth_measured, whole.smooth_computed
     error, raw_error = measured - computed, whole.measured - whole.computed
-    every = np.isfinite(error) & whole.inside[:, None]
+    every = np.isfinite(error)
     counted = every & ~whole.still
     count = np.sum(counted, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -229,9 +218,8 @@ def for_sensors(result: Identification, motion: Motion) -> tuple[Identification,
     blind = [joint for joint in result.gears if joint not in seen]
     drives, springs = dict(result.drive_side), dict(result.springs)
     for joint in blind:
-        drives[joint] = replace(
-            drives[joint], values=_between(result, joint, drives[joint].names, drives[joint].values)
-        )
+        drive = drives[joint]
+        drives[joint] = replace(drive, values=_between(result, joint, drive.names, drive.values))
         if joint in springs:
             names = spring_regressor(known, joint).names
             springs[joint] = _between(result, joint, names, springs[joint])

@@ -237,9 +237,9 @@ def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
         raw = np.where(known[:, None, None], forces, np.nan)
         smooth = smoothed_where(motion, forces.swapaxes(1, 2), np.column_stack([known] * 2))
         # `smoothed_where` has NaN in transients, and where few samples under the filter count.
-        inside = np.isfinite(smooth[:, 0, 0])
-        parts.append(Traces(raw[:, :, 0], raw[:, :, 1], smooth[:, 0], smooth[:, 1], still, inside))
-    return fit_of(parts) if any(np.any(part.inside) for part in parts) else None
+        parts.append(Traces(raw[:, :, 0], raw[:, :, 1], smooth[:, 0], smooth[:, 1], still))
+    is_known = any(np.any(np.isfinite(part.smooth_measured[:, 0])) for part in parts)
+    return fit_of(parts) if is_known else None
 
 
 _LEAST_OF_WEIGHT = 0.05

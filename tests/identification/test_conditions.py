@@ -128,7 +128,7 @@ def without_friction(robot: Robot) -> Robot:
         (arm, ("stifness",), r"condition_specific=: .*did you mean 'stiffness'"),
         (arm, ("stiffness of knee",), "condition_specific=: no joint is named 'knee'"),
         (leg, (), r"'b' hip_yaw, .*: they must be one type of robot"),
-        (lambda: without_friction(arm()), (), "do not have the same base parameters and drives"),
+        (lambda: without_friction(arm()), (), "conditions need the same sensors and terms"),
     ],
 )
 def test_conditions_that_cannot_be_are_refused(

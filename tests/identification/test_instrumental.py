@@ -55,7 +55,9 @@ def noise_free() -> tuple[Robot, LoadModel, Motion, FittedModel, RobotEstimate]:
     robot = TRUTH.without_nominal()
     model = load_model(robot, base_parameters(robot), robot.joint_names)
     motion = reconstruct_motion(robot, perfect_log(TRUTH, true_motion()), 8.0)
-    sides = estimate_two_step({ONLY: Condition(robot, [motion], model)}, ESTIMATORS["wls"]).of(ONLY)
+    sides = estimate_two_step(
+        {ONLY: Condition(robot, [motion], robot.joint_names)}, ESTIMATORS["wls"]
+    ).of(ONLY)
     springs = dict(sides.springs)
     return robot, model, motion, FittedModel(model, sides.load_side.values, springs), sides
 
@@ -126,13 +128,13 @@ def test_stiff_drives_have_no_instruments_and_that_is_said(tmp_path: Path) -> No
 
 
 def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, model, motion, _, sides = noise_free()
+    robot, _, motion, _, sides = noise_free()
     log = perfect_log(TRUTH, true_motion())
     with pytest.raises(IdentificationError, match='estimator="iv" needs method="two-step"'):
         identify(robot, log, estimator="iv", method="simultaneous")
     with pytest.raises(IdentificationError, match="did you mean 'iv'"):
         identify(robot, log, estimator="ivv")  # type: ignore[arg-type]
-    run = partial(estimate_instrumental, Condition(robot, [motion], model))
+    run = partial(estimate_instrumental, Condition(robot, [motion], robot.joint_names))
     joint = robot.elastic_joints[0]
     drive = sides.drives[joint]
     flipped = replace(drive, values=-drive.values)
@@ -262,13 +264,13 @@ def test_noisy_joint_encoders_bias_the_bodies_of_least_squares_only() -> None:
 def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    robot, model, motion, _, sides = noise_free()
+    robot, _, motion, _, sides = noise_free()
 
     def diverges(*_: object) -> Motion:
         raise IdentificationError("the fitted model diverges")
 
     monkeypatch.setattr("seaid.identification.instrumental.driven_motion", diverges)
-    found = estimate_instrumental(Condition(robot, [motion], model), sides, None)
+    found = estimate_instrumental(Condition(robot, [motion], robot.joint_names), sides, None)
     (finding,) = found.findings
     assert finding.message.startswith("the instruments of the load side come from the smoothed")
     assert finding.message.endswith("the fitted model diverges")
