@@ -38,11 +38,12 @@ from seaid.errors import (
 from seaid.estimation import FittedRows, estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.nonlinear_terms import linearised_robot
+from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.identification.unseen_springs import joints_sensed_by_motor_only, with_regressed_angles
 from seaid.log import Log, Motion, row_samples
 from seaid.log.rows import still_speed
-from seaid.regressor import BaseParameters, motor_regressor
+from seaid.regressor import motor_regressor
 from seaid.regressor.load import known_frictions, usable_rows
 from seaid.regressor.regression import actuator_rows, is_linear
 from seaid.robot import Robot
@@ -162,40 +163,35 @@ def _quick_fit_findings(
             robot, datasets = linearised_robot(robot, datasets, used)
         condition = Condition(robot, datasets, used)
         fit = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
-        in_memory = [dataset for dataset in datasets if isinstance(dataset, Motion)]
-        sides = checked_sides(
-            robot, in_memory, logs, (fit.actuators, fit.fit), (), condition.model.base
-        )
+        sides = checked_sides(condition, fit, logs)
         shown = model_findings(selections(sides), known)
         return [x for x in shown if x.severity != "note" and x.code in _OF_LOGS]
     return []
 
 
 def checked_sides(
-    robot: Robot,
-    motions: Sequence[Motion],
+    condition: Condition,
+    estimate: RobotEstimate,
     logs: Sequence[Log],
-    fits: tuple[Mapping[str, FittedRows], FittedRows],
     gears: Iterable[str] = (),
-    base: BaseParameters | None = None,
     offset_std: float = 0.0,
     numbers: Sequence[int] = (),
 ) -> list[Side]:
-    """Return the equations of `fits` that are checked: (7) of elastic joints, and the load side.
+    """Return the equations of two steps that are checked: (7) of elastic joints, and the load side.
 
-    `gears` are the joints whose gear was measured, `base` the base parameters of the load side,
-    `offset_std` the standard deviation of the joints' zeros [rad], and `numbers` those of the logs
-    of the motions. Rows that are not in memory are not checked, nor those of robust estimators,
-    which lack some instants. Rows at the times of a contact are excluded: a term would explain
-    there what a hand did.
+    `gears` are the joints whose gear was measured, `offset_std` the standard deviation of the
+    joints' zeros [rad], and `numbers` those of the logs of the motions. Rows that are not in memory
+    are not checked, nor those of robust estimators, which lack some instants. Rows at the times of
+    a contact are excluded: a term would explain there what a hand did.
     """
-    actuators, load = fits
+    robot, motions, load = condition.robot, condition.motions_in_memory, estimate.fit
     notes, contacts = list[Finding](), tuple[Contact, ...]()
     if load.rows is None or not motions:
         return []
     with guarded(CODES["contact"], notes):
         contacts = RobotFit(robot.joint_names, load).contacts
     resolved = resolved_widths(robot, logs, motions), frozenset(gears), tuple(notes)
+    actuators, base = estimate.actuators, condition.model.base
     shared = *resolved, base, offset_std, tuple(numbers), actuators, logs
     sides = [
         Side(robot, motions, _without_contacts(fitted, contacts), (joint,), True, *shared)

@@ -182,12 +182,6 @@ class Case(Condition):
     bias: SensorErrors | None = None
 
     @property
-    def motions_in_memory(self) -> list[Motion]:
-        """The motions if all logs are in memory, else none."""
-        motions = [dataset for dataset in self.datasets if isinstance(dataset, Motion)]
-        return motions if len(motions) == len(self.datasets) else []
-
-    @property
     def experiment(self) -> Experiment:
         """The motions of the logs without the errors of the sensors."""
         if self.bias is None:
@@ -289,11 +283,9 @@ class Problem:
         if self.only is None:
             return []
         (estimate,), case = self.two_step.values(), self.only
-        robot, motions, logs = case.robot, case.motions_in_memory, case.logs.in_memory
-        fits, base = (estimate.actuators, estimate.fit), case.model.base
-        known = base, self.options.encoder_offset_std, case.logs.numbers
-        gears = deflection_joints(robot, motions)
-        return selections(checking.checked_sides(robot, motions, logs, fits, gears, *known))
+        gears = deflection_joints(case.robot, case.motions_in_memory)
+        known = gears, self.options.encoder_offset_std, case.logs.numbers
+        return selections(checking.checked_sides(case, estimate, case.logs.in_memory, *known))
 
 
 def solve(

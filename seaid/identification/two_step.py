@@ -80,6 +80,12 @@ class Condition:
         """The motions, of long logs those of their first pieces."""
         return [first_motion(dataset) for dataset in self.datasets]
 
+    @property
+    def motions_in_memory(self) -> list[Motion]:
+        """The motions if all logs are in memory, else none."""
+        motions = [dataset for dataset in self.datasets if isinstance(dataset, Motion)]
+        return motions if len(motions) == len(self.datasets) else []
+
 
 ONLY = ""
 """Name of the condition of an identification that has no other: its parameters have none in their
