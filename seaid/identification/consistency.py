@@ -226,26 +226,22 @@ def balls(robot: Robot) -> Array:
     """
     model, count = robot.model, len(robot.body_names)
     centers, radii = np.zeros((count, 3)), np.full(count, np.nan)
-    for position, index in enumerate(robot.model_order):
+    parents = np.array(model.parents)
+    for position, index in enumerate(robot.model_order, 1):
         ends = [
             model.jointPlacements[child].translation
-            for child in range(1, model.njoints)
-            if model.parents[child] == position + 1
+            for child in np.flatnonzero(parents == position).tolist()
         ]
         # Joint frames are at the proximal end of a body: the next joints are its distal ends.
         if ends:
             centers[index] = np.mean(ends, axis=0) / 2
             radii[index] = np.mean(np.linalg.norm(ends, axis=1)) / 2
-    known = radii[np.isfinite(radii)]
-    radii = np.where(np.isfinite(radii), radii, np.mean(known) if len(known) else 0.0)
-    radii = np.maximum(radii, _LEAST_RADIUS)
-    return np.array(
-        [
-            # 2/5 m r^2 of a solid ball.
-            from_center_of_mass(BALL_MASS, center, 0.4 * BALL_MASS * radius**2 * np.eye(3))
-            for center, radius in zip(centers, radii, strict=True)
-        ]
-    )
+    usual = np.nanmean(radii) if np.any(np.isfinite(radii)) else 0.0
+    radii = np.maximum(np.where(np.isfinite(radii), radii, usual), _LEAST_RADIUS)
+    # 2/5 m r^2 of a solid ball.
+    inertias = 0.4 * BALL_MASS * radii[:, None, None] ** 2 * np.eye(3)
+    pairs = zip(centers, inertias, strict=True)
+    return np.array([from_center_of_mass(BALL_MASS, *pair) for pair in pairs])
 
 
 def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...]]:

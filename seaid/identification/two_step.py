@@ -6,7 +6,7 @@ with the others, and an identification of one robot is that of one condition wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -101,15 +101,11 @@ class SpecificParameters:
 
     names: tuple[str, ...] = ()
 
-    def of_drive(self, joint: str, name: str) -> bool:
-        """Whether a parameter of a joint's drive is specific."""
-        return name in self.names or ParameterName(name, joint) in self.names
-
-    def of_load(self, name: ParameterName) -> bool:
-        """Whether the parameter of a column of the load side, or one that it propagates, is."""
-        if joint := name.owner:
-            return self.of_drive(joint, name.quantity)
-        return BODIES in self.names
+    def has(self, name: ParameterName) -> bool:
+        """Whether the parameter of a drive, or a base parameter, is specific."""
+        if not name.owner:
+            return BODIES in self.names
+        return name.quantity in self.names or name in self.names
 
 
 NOTHING_SPECIFIC = SpecificParameters()
@@ -191,7 +187,7 @@ def estimate_two_step(
     robot, motions = first.robot, [x for each in conditions.values() for x in each.motions]
     joints = spring_torque_joints(robot, motions, first.model)
     sensed = _joints_scaled_by_sensors(robot, motions) if equations is None else ()
-    sensed = tuple(joint for joint in sensed if not specific.of_drive(joint, STIFFNESS))
+    sensed = tuple(x for x in sensed if not specific.has(ParameterName(STIFFNESS, x)))
     by_condition = {
         name: equations
         or {**two_step_equations(x.robot, x.model, joints), **_spring_equations(x.robot, sensed)}
@@ -260,22 +256,25 @@ def rows_of_conditions(
 
     joined: dict[str, Rows] = {}
     for key, rows_of_all in by_equation.items():
-        is_load, drive = key == LOAD, partial(specific.of_drive, ParameterName.of(key).owner or key)
-        of_equation: Callable[[ParameterName], bool] = specific.of_load if is_load else drive
-        propagated_of_all = [*propagated, *error_names] if is_load else error_names
-        is_specific = partial(_is_specific, of_equation, error_names)
+        # The columns of a drive's equation do not name its joint.
+        joint = "" if key == LOAD else ParameterName.of(key).owner or key
+        propagated_of_all = error_names if joint else [*propagated, *error_names]
+        is_specific = partial(_is_specific, specific, joint, error_names)
         joined[key] = joined_rows(rows_of_all, is_specific, propagated_of_all)
     shares = {key: shares_of(rows_of_all) for key, rows_of_all in by_equation.items()}
     yield ConditionRows(joined, shares)
 
 
 def _is_specific(
-    of_equation: Callable[[ParameterName], bool],
+    specific: SpecificParameters,
+    joint: str,
     error_names: Sequence[ParameterName],
     name: ParameterName,
 ) -> bool:
     """Whether each condition has a column for itself: encoders are zeroed at each start."""
-    return name.startswith(ENCODER_OFFSET) if name in error_names else of_equation(name)
+    if name in error_names:
+        return name.startswith(ENCODER_OFFSET)
+    return specific.has(name.at(joint) if joint else name)
 
 
 def _fits_of_motors(
