@@ -628,7 +628,7 @@ def _states(
     w, e, f = base
     # Pinocchio's quaternion is (x, y, z, w).
     at_origin = np.tile([0.0, 0, 0, 0, 0, 0, 1], (len(q), 1))
-    joints = [robot.to_model(state, order) for order, state in enumerate((q, v, a))]
+    joints = robot.model_states(q, v, a)
     position = np.column_stack([at_origin, joints[0]])
     velocity = np.column_stack([np.zeros_like(w), w, joints[1]])
     return position, velocity, np.column_stack([f, e, joints[2]])

@@ -104,7 +104,7 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
     moved, N = robot.joint_states(q, v, a), model.nv
-    states = [robot.to_model(state, k) for k, state in enumerate(moved)]
+    states = robot.model_states(*moved)
     # `flat` is a view of the memory that every call fills, and exists after the first call.
     pin.computeJointTorqueRegressor(model, data, *np.zeros((3, N)))
     # Pinocchio's matrix is column-major: its transposed view is copied as one block.
@@ -133,7 +133,7 @@ def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the inverse dynamics (T, n) of the robot with its payloads, by Pinocchio's rnea."""
     model, data = robot.model, _memory_of(robot.model)
     moved = robot.joint_states(q, v, a)
-    states = (robot.to_model(np.asarray(state, np.float64), k) for k, state in enumerate(moved))
+    states = robot.model_states(*(np.asarray(state, np.float64) for state in moved))
     torques, rnea = np.empty((len(q), model.nv)), pin.rnea
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         torques[t] = rnea(model, data, q_t, v_t, a_t)
@@ -143,7 +143,7 @@ def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 def torque_slopes(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the derivatives (3, T, n, n) of `joint_torques` by the states q, v and a."""
     moved = robot.joint_states(q, v, a)
-    states = [robot.to_model(state, k) for k, state in enumerate(moved)]
+    states = robot.model_states(*moved)
     slopes = np.ascontiguousarray(robot.from_model(slopes_of_model(robot.model, states), axes=2))
     if not robot.angle_ratios:
         return slopes

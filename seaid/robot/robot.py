@@ -216,6 +216,10 @@ class Robot(Display):
         """Return positions (..., n), or time derivatives of an `order`, as the model has them."""
         return np.ascontiguousarray(self.expand(states, order)[..., list(self.model_order)])
 
+    def model_states(self, *states: Array) -> list[Array]:
+        """Return q, q', q'' (..., n), or the first of them, as the model has them."""
+        return [self.to_model(state, order) for order, state in enumerate(states)]
+
     def from_model(self, torques: Array, axes: int = 1) -> Array:
         """Return torques (..., N) of the model, or with 2 `axes` matrices (..., N, N), by joint.
 
@@ -236,7 +240,8 @@ class Robot(Display):
 
     def index(self, joint: str) -> int:
         """Return the index of a joint. Raises RobotError with the nearest name."""
-        check_name("joint", joint, self.joint_names, RobotError, self.name)
+        if not isinstance(joint, str) or joint not in self.joint_names:
+            check_name("joint", joint, self.joint_names, RobotError, self.name)
         return self.joint_names.index(joint)
 
     def selected(self, names: str | Sequence[str] | None) -> tuple[str, ...]:
