@@ -14,7 +14,7 @@ from types import MappingProxyType
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
 from seaid.drives import PARAMETERS, ParameterName
-from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
+from seaid.errors import IdentificationError, check_name, checked, listed, shown
 from seaid.estimation import TermTest
 from seaid.estimation.estimate import independent_rows
 from seaid.estimation.fitting import LinearEstimator
@@ -162,10 +162,8 @@ def _check_joints(robots: Mapping[str, Robot]) -> None:
 
 
 def _check_specific(robot: Robot, specific: Sequence[str]) -> None:
+    place = "condition_specific=", "condition_specific="
     for name in map(ParameterName.read, specific):
-        parts = [("parameter", name.quantity, [BODIES, *PARAMETERS])]
-        parts += [("joint", name.owner, list(robot.joint_names))] if name.owner else []
-        for kind, part, allowed in parts:
-            if part not in allowed:
-                unknown = unknown_name(kind, part, allowed)
-                raise IdentificationError(f"condition_specific=: {unknown}", "condition_specific=")
+        check_name("parameter", name.quantity, [BODIES, *PARAMETERS], IdentificationError, *place)
+        if name.owner:
+            check_name("joint", name.owner, robot.joint_names, IdentificationError, *place)

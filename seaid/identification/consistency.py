@@ -121,20 +121,14 @@ def feasible_parameters(
     Raises
     ------
     IdentificationError
-        For estimates that do not fit the model, and if the program cannot be solved.
-    RobotError
-        For a prior of another shape.
+        For an estimate that is not finite, and if the program cannot be solved.
     """
-    if weight is not None and not (np.isfinite(weight) and weight >= 0):
-        raise IdentificationError(
-            f"weight= must be zero or more and finite (None: selected), found {weight}"
-        )
     if white_covariance is not None:
-        size = len(load_side.names)
-        white = finite("white_covariance", white_covariance, (size, size), IdentificationError)
-        floored = sdp.floored_covariance(load_side.covariance, white)
+        floored = sdp.floored_covariance(load_side.covariance, white_covariance)
         load_side = replace(load_side, covariance=floored)
-    known = _stacked(model, load_side, drives or {})
+    of_drives = [drive.at(joint) for joint, drive in (drives or {}).items()]
+    known = Estimate.joined([load_side, *of_drives])
+    finite("the estimate", known.values, (None,), IdentificationError)
     bodies, notes = prior_bodies(robot, robot.parameters if prior is None else prior)
     program, words = body_program(robot, model, known, bodies)
     bound = nearest(program)
@@ -159,24 +153,6 @@ def feasible_parameters(
         notes=notes,
         warnings=tuple(contradictions(robot, program, bound.chi_square)),
     )
-
-
-def _stacked(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimate]) -> Estimate:
-    """Return all estimates as one, those of the drives as '<parameter> of <joint>'."""
-    missing = [name for name in model.names if name not in load_side.names]
-    if missing:
-        raise IdentificationError(
-            f"the estimate of the load side lacks {', '.join(missing)}: give the one that has the "
-            "columns of the model"
-        )
-    of_drives = [drive.at(joint) for joint, drive in drives.items()]
-    whole = Estimate.joined([load_side, *of_drives])
-    twice = sorted({name for name in whole.names if whole.names.count(name) > 1})
-    if twice:
-        raise IdentificationError(f"estimated twice, in load_side and in drives: {twice}")
-    finite("the estimate", whole.values, (None,), IdentificationError)
-    finite("the covariance of the estimate", whole.covariance, (None, None), IdentificationError)
-    return whole
 
 
 def _bodies(robot: Robot, point: sdp.FeasiblePoint) -> Array:
@@ -249,15 +225,9 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
 
     `parameters` (10n,) are those of the file or others. A body with NaN becomes its ball; an
     inconsistent one loses its negative part; it and a degenerate one (no mass, a point, a rod, a
-    plate) get a thousandth of a ball of their mass. Raises RobotError for another shape.
+    plate) get a thousandth of a ball of their mass.
     """
-    prior = np.asarray(parameters, dtype=float)
-    if prior.shape != robot.parameters.shape:
-        raise RobotError(
-            f"prior= must be the {robot.parameters.size} standard parameters of '{robot.name}', "
-            f"found shape {prior.shape}"
-        )
-    bodies, notes, plain = prior.reshape(-1, 10).copy(), [], balls(robot)
+    bodies, notes, plain = parameters.reshape(-1, 10).copy(), [], balls(robot)
     missing = ~np.all(np.isfinite(bodies), axis=1)
     if np.any(missing):
         names = ", ".join(np.array(robot.body_names)[missing])

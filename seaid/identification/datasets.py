@@ -73,18 +73,6 @@ def datasets_by_log(
     return groups
 
 
-def datasets_of(
-    robot: Robot,
-    sources: Sequence[Source],
-    cutoff_hz: float | None,
-    executor: Executor | None,
-    progress: bool,
-) -> list[Dataset]:
-    """Return the motions of all logs of `datasets_by_log` in one list."""
-    groups = datasets_by_log(robot, sources, cutoff_hz, executor, progress)
-    return [dataset for group in groups for dataset in group]
-
-
 def _lowest_hz(group: Sequence[Dataset]) -> float:
     """Return the limit of the cutoff for the stretches of a log, zero for one read in pieces."""
     lengths = [float(x.time[-1] - x.time[0]) for x in group if isinstance(x, Motion)]

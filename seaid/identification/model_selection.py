@@ -15,6 +15,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
@@ -40,7 +41,7 @@ from seaid.estimation import FittedRows, estimator_named, fit
 from seaid.identification.datasets import (
     Source,
     check_temperatures,
-    datasets_of,
+    datasets_by_log,
     first_motion,
     sources_of,
 )
@@ -150,7 +151,7 @@ def compare_terms(
     check_held(robot, "compare_terms", IdentificationError)
     plain, compared = _asked(terms), robot.selected(joints)
     selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
-    datasets = datasets_of(robot, sources_of(logs), cutoff_hz, None, progress)
+    datasets = list(chain(*datasets_by_log(robot, sources_of(logs), cutoff_hz, None, progress)))
     motions = [first_motion(dataset) for dataset in datasets]
     used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     comparisons: list[TermComparison] = []
@@ -313,7 +314,8 @@ def _with_backlash(
         return model
     if not finer:  # the same for every joint
         sharp = model.robot.with_drives({joint: with_term(drive, *terms[0])})
-        finer += map(first_motion, datasets_of(sharp, sources_of(logs), None, None, False))
+        groups = datasets_by_log(sharp, sources_of(logs), None, None, False)
+        finer += map(first_motion, chain(*groups))
     added: list[TermComparison] = []
     # The finer cutoff is for the corners of the zone alone: other terms stay at that of the motion.
     again = _Model.of(model.robot, finer, model.used)

@@ -25,7 +25,7 @@ from seaid.checks.setup import log_findings
 from seaid.checks.verdict import explained
 from seaid.drives import Drive
 from seaid.drives.drives import check_groups
-from seaid.errors import Finding, IdentificationError, unknown_name
+from seaid.errors import Finding, IdentificationError, check_name
 from seaid.estimation import Estimator, estimator_named
 from seaid.estimation.fitting import EstimatorName
 from seaid.identification import checking, drive_estimates, result, simulated_joints
@@ -69,9 +69,7 @@ from seaid.robot import Robot
 def check_known_std(known_std: Mapping[str, float]) -> None:
     """Raise IdentificationError for an unknown name or a standard deviation outside [0, 1]."""
     for name, std in known_std.items():
-        if name not in TYPICAL_STD:
-            wrong = unknown_name("constant", name, TYPICAL_STD)
-            raise IdentificationError(f"known_std=: {wrong}", "known_std=")
+        check_name("constant", name, TYPICAL_STD, IdentificationError, "known_std=", "known_std=")
         if not 0 <= std <= 1:
             raise IdentificationError(
                 f"known_std of '{name}' must be a relative standard deviation from 0 to 1, found "
