@@ -240,7 +240,7 @@ def _pairs(
         )
     pairs = []
     for angles in zip(*sides, strict=True):
-        a, b = (np.asarray(angle, dtype=float) for angle in angles)
+        a, b = map(partial(np.asarray, dtype=float), angles)
         if a.ndim != 1 or a.shape != b.shape or len(a) < 2:
             raise LogError(
                 f"gear_ratio needs two angles of shape (T,), found shapes {a.shape} and {b.shape}"

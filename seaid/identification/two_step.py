@@ -292,6 +292,7 @@ def _fits_of_motors(
     in variables.
     """
     motors, unscaled = dict[str, FittedRows](), dict[str, drive_estimates.UnknownScaleError]()
+    constants, by_sensor = dict[str, ParameterName](), dict[str, FittedRows]()
     cutoff_hz = motions[0].cutoff_hz
     for joint in robot.elastic_joints:
         try:
@@ -302,22 +303,21 @@ def _fits_of_motors(
                 raise
             # With a constant of 1 the input is in y, where its noise does not attenuate anything:
             # the fit needs no correction for a noisy column.
+            constants[joint] = ParameterName(problem.parameter, joint)
             unscaled[joint], change = problem, drive_estimates.with_unit_constant
             fitted = fit(rows[joint], estimator, change=change, cutoff_hz=cutoff_hz)
         motors[joint] = drive_estimates.with_shared_parameters(robot.drives, fitted, joint)
         if drive_estimates.has_only_spring_torque(robot, motions, joint):
             motors[joint] = _with_noisy_deflection(robot, motions, motors[joint], joint, estimator)
-    by_sensor = {}
-    for joint in filter(sensed.__contains__, unscaled):
+    for joint in filter(sensed.__contains__, constants):
+        del unscaled[joint]
         spring = fit(rows[sensed_spring(joint)], estimator, cutoff_hz=cutoff_hz)
         by_sensor[joint] = _with_noisy_deflection(robot, motions, spring, joint, estimator)
-    constants = {x: ParameterName(scale.parameter, x) for x, scale in unscaled.items()}
     fits = FitsInTurn(robot, motors, springs, constants, by_sensor)
-    of_load = {joint: unscaled[joint] for joint in unscaled if joint not in by_sensor}
-    if not of_load:
+    if not unscaled:
         return fits
     values = {joint: fits.spring(joint).values for joint in springs}
-    scales = drive_estimates.fit_constants(robot, values, rows[LOAD], estimator, of_load)
+    scales = drive_estimates.fit_constants(robot, values, rows[LOAD], estimator, unscaled)
     return replace(fits, by_load=scales)
 
 
