@@ -20,7 +20,7 @@ from itertools import product
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray
+from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._files import toml_table
 from seaid.checks.terms import (
     DriveRows,
@@ -31,7 +31,7 @@ from seaid.checks.terms import (
     scale_of,
     size_of,
 )
-from seaid.drives import PARAMETERS, Drive, ParameterName
+from seaid.drives import PARAMETERS, Drive
 from seaid.drives.drives import deflection
 from seaid.drives.regressor import DriveRegressor
 from seaid.drives.terms import COULOMB, LEVEL_OF, WARM_UP, parameter_named
@@ -138,24 +138,18 @@ def linearised(
     """
     searched = robot.elastic_joints if joints is None else joints
     check_reversals(robot, motions, searched)
-    drives = {
-        joint: _linearised_drive(robot, motions, joint)
-        for joint in searched
-        if regression.actuator_equation(robot, motions[0], joint)[0].non_linear
-    }
+    drives = dict[str, Drive]()
+    for joint in searched:
+        if not regression.actuator_equation(robot, motions[0], joint)[0].non_linear:
+            continue
+        start, scale = _linear_start(robot, motions, joint), scale_of(robot, motions, joint)
+        search = _actuator_search(_started(robot, joint, scale, start), motions, joint)
+        grid = _grid(search.nonlinear, robot.drives[joint], start, scale)
+        drive = _at_values(robot.drives[joint], search.best(grid, scale))
+        drives[joint] = search.with_fixed(drive)
     robot = robot.with_drives(drives) if drives else robot
     _check_warm_up(robot, motions, searched)
     return robot
-
-
-def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
-    drive = robot.drives[joint]
-    scale = scale_of(robot, motions, joint)
-    start = _linear_start(robot, motions, joint)
-    search = _actuator_search(robot, motions, joint)
-    grid = product(*(starts_of(name, drive, start, scale) for name in search.nonlinear))
-    values = search.best([np.array(point) for point in grid], scale)
-    return search.with_fixed(_at_values(drive, values))
 
 
 def _at_values(drive: Drive, values: Mapping[str, float]) -> Drive:
@@ -167,16 +161,37 @@ def _at_values(drive: Drive, values: Mapping[str, float]) -> Drive:
 class _Search:
     """The rows of a side as functions of the nonlinear parameters of one `drive` of it.
 
-    `weights` (R,) are those of the rows, `linear` the linear parameters with a column. `y` (R,) is
-    the weighted target without the part of the drive, and `others` (R, rank) spans the weighted
-    columns of all other parameters, which are projected out.
+    `weights` (R,) are those of the rows.
     """
 
     drive: DriveRows
     weights: Array
-    linear: tuple[str, ...]
-    y: Array
-    others: Array
+
+    @cached_property
+    def linear(self) -> tuple[str, ...]:
+        """The linear parameters with a column."""
+        names = {self.drive.rows.names[place].quantity for place in self._own}
+        return tuple(name for name in self.regressor.linear if name in names)
+
+    @cached_property
+    def y(self) -> Array:
+        """The weighted target (R,) without the part of the drive."""
+        parts = [self.regressor.evaluate(by_name)[0][:, None] for by_name in self.drive.signals]
+        # The target has zeta at the values of the drive.
+        return np.asarray(self.weights * (self.drive.rows.y - self.drive.at_rows(parts)[:, 0]))
+
+    @cached_property
+    def others(self) -> Array:
+        """The span (R, rank) of the weighted columns of all other parameters: bodies and drives."""
+        H = self.weights[:, None] * np.delete(self.drive.rows.H, self._own, axis=1)
+        return scaled_svd(H, "the columns of the other parameters").span()
+
+    @property
+    def _own(self) -> list[int]:
+        """The places of the parameters of the drive among those of the rows."""
+        drives, names = ("", self.drive.joint), self.regressor.names
+        columns = enumerate(self.drive.rows.names)
+        return [place for place, x in columns if x.owner in drives and x.quantity in names]
 
     @cached_property
     def regressor(self) -> DriveRegressor:
@@ -247,29 +262,9 @@ class _Search:
 
 def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Search:
     """Return the search on the actuator side of an elastic joint, with all of its columns."""
-    regressor, _ = regression.actuator_equation(robot, motions[0], joint)
-    kept = [regression.actuator_rows(robot, motion, joint, regressor)[0] for motion in motions]
-    times = [motion.time[samples] for motion, samples in zip(motions, kept, strict=True)]
-    count = sum(map(len, times))
-    # The rows have no columns, since a nonlinear drive without values has none.
-    rows = Regression(
-        names=(),
-        units=(),
-        H=np.empty((count, 0)),
-        y=np.zeros(count),
-        joint=np.full(count, robot.index(joint)),
-        time=np.concatenate(times),
-        run=np.repeat(np.arange(len(times)), list(map(len, times))),
-        excluded=0,
-        propagated=np.empty((count, 0)),
-    )
-    return _Search(
-        drive=actuator_drive(robot, motions, joint, rows, np.empty(0)),
-        weights=np.ones(count),
-        linear=regressor.linear,
-        y=rows.y,
-        others=rows.H,
-    )
+    rows = regression.stacked([actuator_regression(robot, x, joint) for x in motions])
+    drive = actuator_drive(robot, motions, joint, rows, np.empty(0))
+    return _Search(drive, np.ones(len(rows.y)))
 
 
 def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[str, float]:
@@ -417,28 +412,38 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
     Raises IdentificationError for a hysteresis without reversals.
     """
     nonlinear = nonlinear_joints(robot, used)
-    stiff = [joint for joint in used if joint not in robot.elastic_joints]
-    check_reversals(robot, motions, stiff)
     if not nonlinear:
         return robot
+    check_reversals(robot, motions, nonlinear)
     scales = {joint: scale_of(robot, motions, joint) for joint in nonlinear}
-    nominal, robot = robot.drives, _started(robot, scales)
+    nominal = robot.drives
+    for joint in nonlinear:
+        robot = _started(robot, joint, scales[joint])
     # One joint needs no second sweep, since the parameters of the others are linear and at their
     # best values for each of its trials.
     for sweep in range(1 if len(nonlinear) == 1 else _SWEEPS):
         for joint in nonlinear:
-            grid = [] if sweep else _grid(robot, joint, nominal[joint], scales[joint])
-            robot = _searched(robot, motions, used, joint, scales[joint], grid)
+            search, drive = _load_search(robot, motions, joint, used), robot.drives[joint]
+            starts = [np.array([drive.values[name] for name in search.nonlinear])]
+            if not sweep:
+                starts += _grid(search.nonlinear, nominal[joint], {}, scales[joint])
+            robot = robot.with_drives(
+                {joint: _at_values(drive, search.best(starts, scales[joint]))}
+            )
     for joint in nonlinear:
-        search = _load_search(robot, motions, joint, starting_load_fit(robot, motions, used))
+        search = _load_search(robot, motions, joint, used)
         robot = robot.with_drives({joint: search.with_fixed(robot.drives[joint])})
-    _check_warm_up(robot, motions, stiff)
+    _check_warm_up(robot, motions, nonlinear)
     return robot
 
 
-def _grid(robot: Robot, joint: str, drive: Drive, scale: Scale) -> list[Array]:
-    names = motor_regressor(robot, joint).non_linear
-    return [np.array(point) for point in product(*(starts_of(n, drive, {}, scale) for n in names))]
+def _grid(
+    names: Sequence[str], drive: Drive, start: Mapping[str, float], scale: Scale
+) -> list[Array]:
+    """Return all combinations of the starts of nonlinear parameters."""
+    return [
+        np.array(point) for point in product(*(starts_of(x, drive, start, scale) for x in names))
+    ]
 
 
 def starting_load_fit(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
@@ -475,57 +480,33 @@ def _weights(qr_factor: QRFactor) -> Array:
     return largest / np.maximum(std, _FEW * largest) if largest else equal_weights(qr_factor)
 
 
-def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
-    """Return the robot with start values for the nonlinear parameters and their levels."""
-    drives = dict(robot.drives)
-    for joint, scale in scales.items():
-        drive, regressor = drives[joint], motor_regressor(robot, joint)
-        values: dict[str, float] = {
-            # A level of zero would make the columns of the other parameters of its term zero.
-            name: 1.0 if name in LEVEL_OF.values() else starts_of(name, drive, {}, scale)[0]
-            for name in regressor.names
-            if name in PARAMETERS and name not in (*drive.values, "motor_inertia")
-        }
-        drives[joint] = drive.with_values(values)
-    return robot.with_drives(drives)
-
-
-def _searched(
-    robot: Robot,
-    motions: Sequence[Motion],
-    used: Sequence[str],
-    joint: str,
-    scale: Scale,
-    starts: Sequence[Array],
+def _started(
+    robot: Robot, joint: str, scale: Scale, start: Mapping[str, float] = FrozenMapping({})
 ) -> Robot:
-    """Return the robot with improved nonlinear parameters of one joint, all others fixed."""
-    search = _load_search(robot, motions, joint, starting_load_fit(robot, motions, used))
+    """Return the robot with start values for the nonlinear parameters of a drive, and its levels.
+
+    `start` are values of the drive with linear terms only.
+    """
     drive = robot.drives[joint]
-    starts = [np.array([drive.values[name] for name in search.nonlinear]), *starts]
-    return robot.with_drives({joint: _at_values(drive, search.best(starts, scale))})
+    values: dict[str, float] = {
+        # A level of zero would make the columns of the other parameters of its term zero.
+        name: 1.0 if name in LEVEL_OF.values() else starts_of(name, drive, start, scale)[0]
+        for name in motor_regressor(robot, joint).names
+        if name in PARAMETERS and name not in (*drive.values, "motor_inertia")
+    }
+    return robot.with_drives({joint: drive.with_values(values)})
 
 
-def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _Search:
+def _load_search(
+    robot: Robot, motions: Sequence[Motion], joint: str, used: Sequence[str]
+) -> _Search:
     """Return the search on the load side of a stiff drive; its other columns are projected out."""
-    rows = fit.rows
-    parts = [load_side(robot).parts(motion, rows.joint) for motion in motions]
-    drive = load_drive(robot, motions, joint, rows, fit.values, parts)
-    regressor = motor_regressor(robot, joint)
-    drive_names = [ParameterName(name, joint) for name in regressor.names]
+    fit = starting_load_fit(robot, motions, used)
+    parts = [load_side(robot).parts(motion, fit.rows.joint) for motion in motions]
+    drive = load_drive(robot, motions, joint, fit.rows, fit.values, parts)
     # (E,) per equation -> (R,) per row; `equations` are sorted.
-    weights = _weights(fit.qr_factor)[np.searchsorted(fit.qr_factor.equations, rows.joint)]
-    # Everything but the drive's columns is projected out: bodies, and all other drives.
-    rest = [place for place, name in enumerate(rows.names) if name not in drive_names]
-    H = weights[:, None] * rows.H[:, rest]
-    # The target has zeta at the values of the drive.
-    zeta = drive.at_rows([regressor.evaluate(by_name)[0][:, None] for by_name in drive.signals])
-    return _Search(
-        drive=drive,
-        weights=weights,
-        linear=tuple(n for n in regressor.linear if ParameterName(n, joint) in rows.names),
-        y=weights * (rows.y - zeta[:, 0]),
-        others=scaled_svd(H, "the columns of the load side").span(),
-    )
+    places = np.searchsorted(fit.qr_factor.equations, fit.rows.joint)
+    return _Search(drive, _weights(fit.qr_factor)[places])
 
 
 _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
@@ -535,49 +516,29 @@ def with_gear_torques(
     robot: Robot, motions: Sequence[Motion], used: Sequence[str]
 ) -> tuple[Robot, list[Motion]]:
     """Return the robot with linearised stiff drives, and motions with their gear torques."""
-    joints = regression.under_load(robot, used)
-    if not joints:
+    if not regression.under_load(robot, used):
         return linearised_load(robot, motions, used), list(motions)
-    drives = {joint: _without_load(robot.drives[joint]) for joint in joints}
-    plain = robot.with_drives(drives)
-    # The first torques come from the drives without load-dependent friction.
-    linear = linearised_load(plain, motions, used)
-    known = _with_torques(linear, motions, used)
+    # Without a torque through the gears there is no load-dependent friction, whose column is zero.
+    known = [replace(x, gear_torque=np.zeros_like(x.joint_position)) for x in motions]
+    linear = linearised_load(robot, known, used)
     for _ in range(_SEARCHES):
-        starts = {joint: _with_values_of(robot, linear, joint) for joint in robot.joint_names}
-        linear = linearised_load(robot.with_drives(starts), known, used)
         known = _settled(linear, known, used)
-    return linear, known
-
-
-def _with_values_of(robot: Robot, source: Robot, joint: str) -> Drive:
-    """Return a drive with the values of the same drive with or without load-dependent friction."""
-    drive = robot.drives[joint]
-    values = source.drives[joint].values
-    return drive.with_values({n: values[n] for n in drive.parameter_names if n in values})
+        near = {x: drive.with_values(linear.drives[x].values) for x, drive in robot.drives.items()}
+        linear = linearised_load(robot.with_drives(near), known, used)
+    return linear, _settled(linear, known, used)
 
 
 def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
     """Return the motions at which the torques through the gears converge."""
     known = list(motions)
     for _ in range(_MOST_TURNS):
-        better = _with_torques(robot, known, used)
-        if _change(known, better) < _SETTLED:
-            return better
-        known = better
+        before, known = known, _with_torques(robot, known, used)
+        if _change(before, known) < _SETTLED:
+            return known
     raise IdentificationError(
         f"load-dependent friction of {', '.join(regression.under_load(robot, used))} did not "
         f"converge in {_MOST_TURNS} iterations: remove 'load' from friction, or move these joints "
         "more"
-    )
-
-
-def _without_load(drive: Drive) -> Drive:
-    return replace(
-        drive,
-        friction=tuple(term for term in drive.friction if term != "load"),
-        nominal={name: x for name, x in drive.nominal.items() if name != "load_friction"},
-        known=tuple(name for name in drive.known if name != "load_friction"),
     )
 
 
@@ -619,10 +580,7 @@ def linearised_robot(
     """
     _check_whole_warm_up(robot, datasets)
     motions = [first_motion(dataset) for dataset in datasets]
-    robot = linearised(robot, motions)
-    if not nonlinear_joints(robot, used) and not regression.under_load(robot, used):
-        return robot, list(datasets)
-    robot, known = with_gear_torques(robot, motions, used)
+    robot, known = with_gear_torques(linearised(robot, motions), motions, used)
     if not regression.under_load(robot, used):
         return robot, list(datasets)
     if not all(isinstance(dataset, Motion) for dataset in datasets):
@@ -630,4 +588,4 @@ def linearised_robot(
             "load-dependent friction of a stiff drive needs the log in memory: read it with "
             "read_log"
         )
-    return robot, list(known)
+    return robot, [*known]
