@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,17 +11,19 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid._progress import Display
+from seaid.drives import ParameterName
 from seaid.drives.drives import deflection
-from seaid.errors import LogError, checked, unknown_name
-from seaid.estimation.covariance import newey_west
-from seaid.estimation.qr_factor import scaled_svd
+from seaid.errors import ExcitationError, IdentificationError, LogError, checked, unknown_name
+from seaid.estimation.least_squares import ordinary
+from seaid.estimation.nonlinear_least_squares import separable_least_squares
+from seaid.estimation.qr_factor import residual_of, scaled_svd
 from seaid.log import Log, Motion, Repair, in_band, row_samples, standstill
 from seaid.log.channels import LogField, column_name
 from seaid.log.motion import reconstruct_motions
 from seaid.log.repair.channels import on_time
-from seaid.regressor import motor_regressor
+from seaid.regressor import Regression, motor_regressor
 from seaid.regressor.base import regressor_at_drives
-from seaid.regressor.regression import actuator_columns, sensed_torque, signals
+from seaid.regressor.regression import sensed_torque, signals
 from seaid.robot import Robot
 
 SIGNIFICANT = 4.0
@@ -30,18 +32,13 @@ SIGNIFICANT = 4.0
 _WIDTHS = (0.02, 0.1, 0.3)
 """Widths of free friction, as shares of the largest speed."""
 
-_BLOCKS = 6
-"""Blocks of a log, whose delays must agree within their errors."""
-
-_INDEPENDENT = 0.5
-"""Share of independent rows: two per period of the cutoff, of four."""
-
 _LEAST_EXPLAINED = 0.5
 """A delay is determined only if its relation explains this share of the channel's power."""
 
 _TRIALS = 41
 _WIDER = 2.0
-_WHAT = "the delay of a channel"
+_AT_END = 0.95
+"""Part of the range of a search beyond which a minimum is that of its end."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -238,35 +235,28 @@ def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Relation]:
 def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
     rows = row_samples(motion)
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drives[joint]
-        by_name = signals(robot, motion, index)
-        nothing = np.zeros(len(motion.time))
-        moving = rows[~standstill(motion, index)[rows]]
-        motor = by_name["tau_M"]
-        force = sensed_torque(robot, motion, index)
-        friction = _free_friction(motion.motor_velocity[:, index], drive.is_elastic)
-        if np.all(np.isfinite(motor)):
-            if drive.is_elastic:
-                regressor, zeta, columns = actuator_columns(robot, motion, joint)
-                against = "its motion and its spring"
-            else:
-                regressor = motor_regressor(robot, joint)
-                zeta, columns = regressor.evaluate(by_name)
+        drive, by_name = robot.drives[joint], signals(robot, motion, index)
+        moving, nothing = rows[~standstill(motion, index)[rows]], np.zeros(len(motion.time))
+        force, against = sensed_torque(robot, motion, index), "the motion"
+        has_motor, has_sensor = (bool(np.all(np.isfinite(x))) for x in (by_name["tau_M"], force))
+        regressor = motor_regressor(robot, joint)
+        if has_motor or (has_sensor and not drive.is_elastic):
+            zeta, columns = regressor.evaluate(by_name)
+            if not drive.is_elastic:
                 bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
-                columns, against = np.column_stack([columns, bodies]), "the motion"
+                columns = np.column_stack([columns, bodies])
+            friction = _free_friction(motion.motor_velocity[:, index], drive.is_elastic)
             columns = np.column_stack([columns, friction])
-            rest = regressor.evaluate(by_name | {"tau_M": nothing})[0]
+        if has_motor:
+            known = "its motion and its spring" if drive.is_elastic else against
             # zeta = tau_M + rest, with rest at tau_M = 0: the torque alone is the channel.
-            yield _Relation(joint, "motor_torque", against, zeta - rest, rest, columns, moving)
-        if np.all(np.isfinite(force)):
+            rest = regressor.evaluate(by_name | {"tau_M": nothing})[0]
+            yield _Relation(joint, "motor_torque", known, zeta - rest, rest, columns, moving)
+        if has_sensor:
             if drive.is_elastic:
                 # (4b): a constant and k times the deflection.
                 d = deflection(drive, motion.motor_position[:, index], by_name["theta_L"])
                 columns, against = np.column_stack([nothing + 1, d]), "its deflection"
-            else:
-                drive_columns = motor_regressor(robot, joint).evaluate(by_name)[1]
-                bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
-                columns, against = np.column_stack([drive_columns, bodies, friction]), "the motion"
             yield _Relation(joint, "joint_torque", against, force, nothing, columns, moving)
 
 
@@ -282,90 +272,64 @@ def _free_friction(speed: Array, is_elastic: bool) -> Array:
     return np.column_stack([*columns, *([speed * np.abs(speed)] if is_elastic else [])])
 
 
-@dataclass(frozen=True, eq=False)
-class _Shifted:
-    """A channel (R,) at `time` (R,) [s], with a spline of the rest and columns to be shifted."""
-
-    time: Array
-    channel: Array
-    spline: Callable[..., Array]
-
-    def fit(self, delay: float) -> tuple[Array, Array]:
-        """Return an orthonormal basis of the shifted columns, and the residual of the channel."""
-        shifted = self.spline(self.time - delay)
-        basis = scaled_svd(shifted[:, 1:], _WHAT, LogError).span()
-        return basis, _residual(basis, self.channel + shifted[:, 0])
-
-    def cost(self, delay: float) -> float:
-        """Return the sum of squared residuals for a delay."""
-        return float(np.sum(self.fit(delay)[1] ** 2))
-
-    def standard_error(self, delay: float) -> float:
-        """Return the standard error of the best delay, infinite if it is not determined.
-
-        It has autocorrelation, the parameters that were fitted (two rows per period of the cutoff
-        are independent), and the disagreement of blocks.
-        """
-        basis, residual = self.fit(delay)
-        shifted, rates = self.spline(self.time - delay), self.spline(self.time - delay, 1)
-        svd = scaled_svd(shifted[:, 1:], _WHAT, LogError)
-        target = self.channel + shifted[:, 0]
-        # r = channel + rest(t - delay) - columns(t - delay) theta, so that
-        # dr/d delay = (I - Q Q^T)(columns' theta - rest'), theta at its best value (Kaufman 1975).
-        slope = _residual(basis, rates[:, 1:] @ svd.solve(target) - rates[:, 0])
-        curvature, power = float(slope @ slope), float(np.sum((target - np.mean(target)) ** 2))
-        free = 1.0 - basis.shape[1] / (_INDEPENDENT * len(target))
-        fall = self.cost(0.0) - self.cost(delay)
-        unexplained = float(residual @ residual) / max(power, 1e-300)
-        if curvature <= 0 or free <= 0 or fall <= 0 or unexplained > 1 - _LEAST_EXPLAINED:
-            return math.inf
-        # Scores of the delay; the part that a change of the delay explains is removed.
-        terms = slope * (residual - slope * float(slope @ residual) / curvature)
-        scores = newey_west(terms[:, None], self.time, np.zeros(len(self.time)))
-        # sums over B blocks have together that variance, if they are independent (Birge 1932)
-        blocks = sum(float(np.sum(block)) ** 2 for block in np.array_split(terms, _BLOCKS))
-        variance = max(float(scores[0, 0]), blocks) / free
-        # a minimum of the noise has curvature too: the fall of the cost from no delay, which is
-        # delay^2 curvature if the cost is quadratic, must confirm it
-        confirmed = max(1.0, abs(delay) * math.sqrt(curvature / fall))
-        return confirmed * math.sqrt(variance) / curvature
-
-
-def _shifted(motion: Motion, relation: _Relation, largest_s: float) -> _Shifted:
-    """Return the rows of a relation below the cutoff, with the side to be shifted as a spline.
+def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
+    """Return the delay that minimises the residual of a relation below the cutoff.
 
     The channel is kept and the other side is shifted, so that the noise of the channel is the same
     for all trial delays and does not count as excitation.
     """
     from scipy.interpolate import make_interp_spline
 
-    time = motion.time
-    band = in_band(motion, np.column_stack([relation.values, relation.rest, relation.columns]))
-    rows = relation.rows
+    time, rows = motion.time, relation.rows
+    sides = in_band(motion, np.column_stack([relation.values, relation.rest, relation.columns]))
+    other_side = make_interp_spline(time, sides[:, 1:], k=5)
     rows = rows[(time[rows] > time[0] + largest_s) & (time[rows] < time[-1] - largest_s)]
-    sizes = np.linalg.norm(band[:, 2:], axis=0)
-    model = np.column_stack([band[:, 1], band[:, 2:][:, sizes > 0] / sizes[sizes > 0]])
-    return _Shifted(time[rows], band[rows, 0], make_interp_spline(time, model, k=5))
 
+    def shifted(delay: Array) -> tuple[Array, Array]:
+        at_delay = other_side(time[rows] - delay)
+        return sides[rows, 0] + at_delay[:, 0], at_delay[:, 1:]
 
-def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
-    """Return the delay that minimises the residual of a relation below the cutoff."""
-    from scipy.optimize import minimize_scalar
+    def slopes(delay: Array, theta: Array) -> Array:
+        rates = other_side(time[rows] - delay, 1)
+        return np.asarray(rates[:, :1] - rates[:, 1:] @ theta[:, None])
 
-    shifted = _shifted(motion, relation, largest_s)
-    trials = np.linspace(-largest_s, largest_s, _TRIALS)
-    best = int(np.argmin([shifted.cost(trial) for trial in trials]))
-    unknown = Delay(relation.joint, relation.channel, relation.against, 0.0, math.inf)
+    trials = np.linspace(-largest_s, largest_s, _TRIALS)[:, None]
+    fit = separable_least_squares(shifted, slopes, [*trials], -trials[-1:, 0], trials[-1:, 0])
+    delay, slope = float(fit.nonlinear[0]), slopes(fit.nonlinear, fit.linear)
+    y, columns = shifted(fit.nonlinear)
+    error = _standard_error(y, columns, slope, time[rows])
+    left, curvature = fit.residual**2, float(np.sum(residual_of(slope[:, 0], columns) ** 2))
+    fall = float(np.sum(residual_of(*shifted(np.zeros(1))) ** 2)) - left
+    is_explained = left < (1 - _LEAST_EXPLAINED) * float(np.sum((y - np.mean(y)) ** 2))
     # A minimum at the end of the search is no minimum: the delay may be anywhere beyond.
-    if best in (0, _TRIALS - 1):
-        return unknown
-    ends = (trials[best - 1], trials[best + 1])
-    options = {"xatol": 1e-7}
-    delay = float(minimize_scalar(shifted.cost, bounds=ends, method="bounded", options=options).x)
-    error = shifted.standard_error(delay)
-    return replace(unknown, delay_s=delay, standard_error_s=error) if error < math.inf else unknown
+    if fall <= 0 or not is_explained or abs(delay) > _AT_END * largest_s or error == math.inf:
+        return Delay(relation.joint, relation.channel, relation.against, 0.0, math.inf)
+    # A minimum of the noise has curvature too: the fall of the cost from no delay, which is
+    # delay^2 curvature if the cost is quadratic, must confirm it.
+    confirmed = max(1.0, abs(delay) * math.sqrt(curvature / fall))
+    return Delay(relation.joint, relation.channel, relation.against, delay, confirmed * error)
 
 
-def _residual(basis: Array, signal: Array) -> Array:
-    """Return the residual of a signal (R,) after projection on an orthonormal basis (R, p)."""
-    return np.asarray(signal - basis @ (basis.T @ signal))
+def _standard_error(y: Array, columns: Array, slope: Array, time: Array) -> float:
+    """Return the standard error of a delay with the columns (R, p) and its slope (R, 1) there.
+
+    The delay is a parameter of the relation, linearised at its best value. It is infinite where
+    the columns explain the slope.
+    """
+    # The columns may depend on each other, those of all bodies do: only their span counts.
+    H = np.column_stack([scaled_svd(columns, "the delay of a channel", LogError).span(), slope])
+    rows = Regression(
+        names=ParameterName.all_of(map(str, range(H.shape[1]))),
+        units=H.shape[1] * ("",),
+        H=H,
+        y=y,
+        joint=np.zeros(len(y)),
+        time=time,
+        run=np.zeros(len(y)),
+        excluded=0,
+        propagated=np.empty((len(y), 0)),
+    )
+    try:
+        return float(ordinary(rows).standard_errors[-1])
+    except (ExcitationError, IdentificationError):
+        return math.inf

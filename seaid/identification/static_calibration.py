@@ -17,10 +17,11 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtr
 
-from seaid._arrays import Array, frozen, safely
+from seaid._arrays import Array, frozen, runs, safely
 from seaid._progress import Result, counted
 from seaid.checks.values import calibration_findings
-from seaid.drives import Drive, ParameterName, total_ratio
+from seaid.drives import Drive, ParameterName
+from seaid.drives.drives import deflection
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed
 from seaid.estimation import Estimate
 from seaid.log import Log
@@ -194,22 +195,23 @@ def _direction(load: Array) -> Array:
     return np.concatenate([direction[:1], direction])
 
 
+_POWERS: dict[Law, Array] = {"linear": np.array([1]), "cubic": np.array([1, 3])}
+"""{law: the powers of the deflection d = reading - zero, whose sum it is}."""
+
+
 def _names_of(statics: Statics, law: Law, has_friction: bool) -> dict[str, str]:
     """Return the parameters theta of a law, with their units."""
     gain = "stiffness" if statics.reading_unit in ("rad", "m") else "gain"
     force, length = statics.load_unit, statics.reading_unit
-    names = {gain: f"{force}/{length}"}
-    if law == "cubic":
-        names[f"cubic_{gain}"] = f"{force}/{length}^3"
-    names["zero"] = length
-    return names | {"friction": force} if has_friction else names
+    names = {gain: f"{force}/{length}", f"cubic_{gain}": f"{force}/{length}^3"}
+    law_alone = dict(list(names.items())[: len(_POWERS[law])]) | {"zero": length}
+    return law_alone | {"friction": force} if has_friction else law_alone
 
 
 def _load_at(estimate: Estimate, reading: Array) -> Array:
     """Return the load (P,) of a law at readings, without friction."""
-    d = reading - estimate.value("zero")
-    cubic = 0.0 if estimate.names[1] == "zero" else estimate.values[1]
-    return np.asarray(estimate.values[0] * d + cubic * d**3)
+    theta = estimate.values[: estimate.names.index("zero") + 1]
+    return _predicted(theta, reading, np.empty((len(reading), 0)))[0]
 
 
 def _p_value(estimate: Estimate, place: int) -> float:
@@ -223,32 +225,27 @@ def _estimate(statics: Statics, law: Law) -> Estimate:
     """Return the instrumental-variable estimate: Z^T (load - law) = 0, Z of the load alone."""
     load, reading, direction = statics.load, statics.reading, np.asarray(statics.direction)
     has_friction = bool(min(np.sum(direction > 0), np.sum(direction < 0)) >= 3)
-    names = _names_of(statics, law, has_friction)
+    names, powers = _names_of(statics, law, has_friction), _POWERS[law]
+    directions = direction[:, None][:, : int(has_friction)]
     slope, offset = np.polyfit(reading, load, 1)
     # load = a reading + b = k (reading - zero): k = a, zero = -b / a.
-    theta = np.zeros(len(names))
-    zero, spread = list(names).index("zero"), np.ptp(reading)
+    theta, zero, spread = np.zeros(len(names)), len(powers), np.ptp(reading)
     theta[0], theta[zero] = slope, -offset / slope
     nearest = min(theta[zero], np.min(reading) - spread), max(theta[zero], np.max(reading) + spread)
     # the part of the reading that the load explains, without its noise
-    powers = [np.ones_like(load), load, *([load**3] if law == "cubic" else [])]
-    basis = np.column_stack([*powers, *([direction] if has_friction else [])])
+    basis = np.column_stack([np.ones_like(load), load[:, None] ** powers, directions])
     fitted = safely(np.linalg.lstsq, basis, reading, rcond=None, what="the loads")
-    clean = replace(statics, reading=basis @ fitted[0])
-    what = "the law: give more different loads"
+    readings = reading, basis @ fitted[0]
     for _ in range(_TURNS):
-        predicted, J = _predicted(statics, law, theta)
-        Z = _predicted(clean, law, theta)[1]
-        step = safely(np.linalg.solve, Z.T @ J, Z.T @ (load - predicted), what=what)
+        inverse, Z, residual = _moments(theta, load, readings, directions)
+        step = inverse @ (Z.T @ residual)
         theta = theta + step
         # Readings that do not follow the load have no law, and a search for its zero never ends.
         theta[zero] = np.clip(theta[zero], *nearest)
         if np.all(np.abs(step) <= 1e-12 * np.maximum(np.abs(theta), 1e-9)):
             break
-    predicted, J = _predicted(statics, law, theta)
-    Z = _predicted(clean, law, theta)[1]
-    residual, freedom = load - predicted, len(load) - len(theta)
-    inverse = safely(np.linalg.inv, Z.T @ J, what="the law")
+    inverse, Z, residual = _moments(theta, load, readings, directions)
+    freedom = len(load) - len(theta)
     variance = residual @ residual / max(freedom, 1)
     # s^2 (Z^T J)^-1 Z^T Z (Z^T J)^-T of instrumental variables.
     covariance = variance * inverse @ (Z.T @ Z) @ inverse.T * _correlation_factor(residual)
@@ -263,17 +260,28 @@ def _estimate(statics: Statics, law: Law) -> Estimate:
     )
 
 
-def _predicted(statics: Statics, law: Law, theta: Array) -> tuple[Array, Array]:
-    """Return the load (T,) of a law with friction, and its slopes (T, p) by the parameters."""
-    k, zero = theta[0], theta[2 if law == "cubic" else 1]
-    k_3 = theta[1] if law == "cubic" else 0.0
-    d = statics.reading - zero
-    columns = [d, *([d**3] if law == "cubic" else []), -(k + 3 * k_3 * d**2)]
-    load = k * d + k_3 * d**3
-    if len(theta) > len(columns):
-        columns.append(np.asarray(statics.direction))
-        load = load + theta[-1] * columns[-1]
-    return load, np.column_stack(columns)
+def _moments(
+    theta: Array, load: Array, readings: tuple[Array, Array], directions: Array
+) -> tuple[Array, Array, Array]:
+    """Return (Z^T J)^-1, the instruments Z (T, p), and the residual (T,) of a law.
+
+    J are its slopes at the first of the `readings`, and Z those at the second, without noise.
+    """
+    (predicted, J), (_, Z) = (_predicted(theta, reading, directions) for reading in readings)
+    what = "the law: give more different loads"
+    return safely(np.linalg.inv, Z.T @ J, what=what), Z, load - predicted
+
+
+def _predicted(theta: Array, reading: Array, directions: Array) -> tuple[Array, Array]:
+    """Return the load (T,) of a law, and its slopes (T, p) by the parameters.
+
+    `directions` (T, 1) are those of friction, (T, 0) without it.
+    """
+    count = len(theta) - 1 - directions.shape[1]
+    k, d, powers = theta[:count], (reading - theta[count])[:, None], _POWERS["cubic"][:count]
+    by_zero = -(powers * d ** (powers - 1)) @ k
+    load = d**powers @ k + directions @ theta[count + 1 :]
+    return load, np.column_stack([d**powers, by_zero, directions])
 
 
 def _correlation_factor(residual: Array) -> float:
@@ -454,7 +462,7 @@ def _sensed(drive: Drive, log: Log, place: int, sensor: str, turned: Array) -> A
         return np.full(len(log.time), np.nan)
     if log.deflection is not None and not np.isnan(log.deflection[0, place]):
         return drive.load_radius * log.deflection[:, place]
-    return drive.load_radius * (log.motor_position[:, place] / total_ratio(drive) - turned)
+    return deflection(drive, log.motor_position[:, place], turned)
 
 
 def _rests(time: Array, position: Array) -> list[slice]:
@@ -464,6 +472,5 @@ def _rests(time: Array, position: Array) -> list[slice]:
     moved = np.abs(position[window:] - position[:-window])
     allowed = _MOVES * np.maximum(np.ptp(position, axis=0), 1e-9)
     still = np.concatenate([np.all(moved <= allowed, axis=1), np.zeros(window, dtype=bool)])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]])))
-    spans = [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return [span for span in spans if time[span.stop - 1] - time[span.start] >= _HELD_S]
+    long = [x for x in runs(still) if time[x[1] - 1] - time[x[0]] >= _HELD_S]
+    return [slice(int(first), int(end)) for first, end in long]
