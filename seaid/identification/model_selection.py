@@ -14,21 +14,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
 from seaid.checks import TermComparison
-from seaid.checks.columns import backlash, included_term
+from seaid.checks.columns import Side, backlash, included_term
 from seaid.checks.engine import Trial, best_of, best_trial
 from seaid.checks.model import SideSelection
 from seaid.checks.terms import (
     DriveRows,
-    actuator_drive,
     compared_terms,
     duration_s,
-    load_drive,
     possible_terms,
     reference_position,
     with_term,
@@ -51,11 +49,11 @@ from seaid.identification.nonlinear_terms import (
     linearised_load,
     starting_load_fit,
     with_gear_torques,
+    with_torques,
 )
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
 from seaid.regressor import actuator_regression
-from seaid.regressor.load import load_side, with_gear_torque
 from seaid.regressor.regression import stacked
 from seaid.robot import Robot
 from seaid.robot.robot import check_held
@@ -209,10 +207,8 @@ def backlash_findings(
             )
         except (IdentificationError, LogError):  # such as a log too short for a comparison
             continue
-        selected = [x for x in selection.comparisons if x.selected and x.term == "dead_zone"]
-        if not selected or selected[0].comparison is None:
-            continue
-        yield backlash(joint, robot.drives[joint], selected[0])
+        zones = (x for x in selection.comparisons if x.selected and x.term == "dead_zone")
+        yield from (backlash(joint, robot.drives[joint], zone) for zone in zones)
 
 
 _LAWS = ("cubic", "dead_zone")
@@ -348,32 +344,18 @@ class _Model:
         return fit(starting_load_fit(self.robot, self.motions, self.used).rows, _WLS)
 
     @cached_property
-    def _with_gear_torque(self) -> _Model:
-        """The model with the torque through the gears of the fit, for load-dependent friction."""
-        load_fit = starting_load_fit(self.robot, self.motions, self.used)
-        motions = [
-            with_gear_torque(self.robot, motion, load_fit.model, load_fit.springs, load_fit.values)
-            for motion in self.motions
-        ]
-        return replace(self, motions=motions)
+    def _loaded(self) -> Sequence[Motion]:
+        """The motions with the torque through the gears of the fit, for load-dependent friction."""
+        return with_torques(self.robot, self.motions, self.used)
 
-    def drive(self, joint: str, at_motor: bool) -> tuple[DriveRows, FittedRows] | None:
-        """Return a drive at the rows of its motor's equation or of its joint's; None without."""
+    def side(self, joint: str, at_motor: bool) -> Side | None:
+        """Return the equation of a joint's motor, or that of the joint; None without."""
         robot = self.robot
         if at_motor and joint in robot.elastic_joints:
             rows = stacked([actuator_regression(robot, x, joint) for x in self.motions])
-            fitted = fit(rows, _WLS)
-            theta = fitted.estimate.values
-            return actuator_drive(robot, self.motions, joint, rows, theta), fitted
-        if joint not in self.used:
-            return None
-        fitted = self.load
-        assert fitted.rows is not None
-        motions = self._with_gear_torque.motions if at_motor else self.motions
-        theta = fitted.estimate.values
-        parts = [load_side(robot).parts(motion, fitted.rows.joint) for motion in motions]
-        drive = load_drive(robot, motions, joint, fitted.rows, theta, parts, at_joint=not at_motor)
-        return drive, fitted
+            return Side(robot, self.motions, fit(rows, _WLS), (joint,), True, {})
+        motions = self._loaded if at_motor else self.motions
+        return Side(robot, motions, self.load, self.used, False, {}) if joint in self.used else None
 
     def with_term(self, term: TermComparison) -> _Model:
         """Return the model with a selected term, near the best values of its comparison."""
@@ -394,7 +376,7 @@ class _Model:
             robot = linearised_load(robot, self.motions, self.used)
         fixed = robot.with_drives({term.joint: _fixed(robot.drives[term.joint])})
         needs_torque = term.term == "load" and not drive.is_elastic
-        motions = self._with_gear_torque.motions if needs_torque else self.motions
+        motions = self._loaded if needs_torque else self.motions
         return _Model(fixed, motions, self.used)
 
 
@@ -434,16 +416,17 @@ def _compared_terms(
         unseen = {term: reason for term in terms if (reason := _unseen(model, joint, *term))}
         compared += [TermComparison(joint, *term, step, None, why) for term, why in unseen.items()]
         terms = [term for term in terms if term not in unseen]
-        side = model.drive(joint, at_motor) if terms else None
+        side = model.side(joint, at_motor) if terms else None
         if side is not None:
-            drive, fitted = side
-            tried = compared_terms(drive, fitted, terms, count, step)
-            compared += [_with_searched_zone(model, drive, fitted, term, count) for term in tried]
+            drive = side.drive(joint, at_joint=not at_motor)
+            tried = compared_terms(drive, side.fitted, terms, count, step)
+            searched = partial(_with_searched_zone, model, drive, side.fitted, count)
+            compared += map(searched, tried)
     return compared
 
 
 def _with_searched_zone(
-    model: _Model, drive: DriveRows, fitted: FittedRows, term: TermComparison, count: int
+    model: _Model, drive: DriveRows, fitted: FittedRows, count: int, term: TermComparison
 ) -> TermComparison:
     """Return the comparison of a sharp dead zone of an elastic drive at its searched values.
 

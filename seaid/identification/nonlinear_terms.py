@@ -532,7 +532,7 @@ def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> li
     """Return the motions at which the torques through the gears converge."""
     known = list(motions)
     for _ in range(_MOST_TURNS):
-        before, known = known, _with_torques(robot, known, used)
+        before, known = known, with_torques(robot, known, used)
         if _change(before, known) < _SETTLED:
             return known
     raise IdentificationError(
@@ -542,7 +542,8 @@ def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> li
     )
 
 
-def _with_torques(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
+def with_torques(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
+    """Return the motions with the torques through the gears by a fit of the load side."""
     fit = starting_load_fit(robot, motions, used)
     return [with_gear_torque(robot, x, fit.model, fit.springs, fit.values) for x in motions]
 

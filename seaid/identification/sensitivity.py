@@ -76,15 +76,13 @@ _NEGLIGIBLE = 0.005
 class WeightedFit:
     """Values (p,) of rows, and their derivatives by what they depend on.
 
-    `residual` (R,) is w^2 (y - H theta) of each row, and `inverse` (p, p) is (H^T W H)^-1 under the
-    constraint of the values, so that `inverse @ H[i] * residual[i]` is the influence of row i on
-    the values. `by_propagated` (p, s) is d theta / d s by the values s from which y was computed.
+    `influence` (R, p) is that of each row on the values, and `by_propagated` (p, s) is
+    d theta / ds by the values s from which y was computed.
     """
 
     rows: Regression
     values: Array
-    residual: Array
-    inverse: Array
+    influence: Array
     by_propagated: Array
 
 
@@ -104,10 +102,11 @@ def fit_of(
     if constraint is not None:
         values, inverse = constraint[0] @ values + constraint[1], constraint[0] @ inverse
     squares = weights[np.searchsorted(qr_factor.equations, rows.joint)] ** 2
-    residual = squares * (rows.y - rows.H @ values)
+    # w^2 (y - H theta) H (H^T W H)^-1, under the constraint of the values.
+    influence = (squares * (rows.y - rows.H @ values))[:, None] * (rows.H @ inverse.T)
     # d theta / ds = (H^T W H)^-1 H^T W T for targets y + T s.
     moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
-    return WeightedFit(rows, values, residual, inverse, inverse @ moments)
+    return WeightedFit(rows, values, influence, inverse @ moments)
 
 
 def difference(fits: Sequence[WeightedFit], propagated: Array | None) -> tuple[Array, Array]:
@@ -136,26 +135,14 @@ def _influences(fits: Sequence[WeightedFit], run: float) -> Array:
 
     The steps are those of the fit with the fewest rows; other logs have instants between them.
     """
-    parts = [_rows_of_log(fit, run) for fit in fits]
-    instants = [np.unique(time) for time, _, _ in parts if len(time)]
-    start_s = min(times[0] for times in instants)
-    step_s = max(row_step(times) for times in instants)
-    places = [slots(time, start_s, step_s) for time, _, _ in parts]
-    every = np.concatenate(places)
-    first, count = int(np.min(every)), int(np.ptp(every)) + 1
-    influences = np.zeros((count, len(fits[0].values)))
-    for sign, fit, (_, H, residual), place in zip((1, -1), fits, parts, places, strict=True):
-        if len(place):
-            scores = at_slots(H, sign * residual, place - first)
-            influences[: len(scores)] += scores @ fit.inverse.T
-    return influences
-
-
-def _rows_of_log(fit: WeightedFit, run: float) -> tuple[Array, Array, Array]:
-    """Return times, rows and residuals of a fit in one log."""
-    is_row = fit.rows.run == run
-    rows = slice(None) if np.all(is_row) else is_row  # a view of all rows
-    return fit.rows.time[rows], fit.rows.H[rows], fit.residual[rows]
+    parts = [fit.rows.run == run for fit in fits]
+    times = [fit.rows.time[part] for fit, part in zip(fits, parts, strict=True)]
+    instants = [np.unique(time) for time in times if len(time)]
+    start_s, step_s = min(x[0] for x in instants), max(map(row_step, instants))
+    signed = zip((1, -1), fits, parts, strict=True)
+    influences = np.concatenate([sign * fit.influence[part] for sign, fit, part in signed])
+    places = slots(np.concatenate(times), start_s, step_s)
+    return at_slots(influences, np.ones(len(places)), places)
 
 
 def _scores(fits: Sequence[WeightedFit], estimate: Estimate, propagated: Array | None) -> Array:
@@ -449,14 +436,13 @@ def _constants_of_drive(
 
 def _with_larger_gains(robot: Robot, joints: Sequence[str]) -> Robot:
     """Return the robot whose controllers at some joints give a torque larger by `STEP`."""
-    commanded = {x: y for x in joints if (y := robot.drives[x].controller) is not None}
-    larger = {
-        joint: replace(controller.times(1 + STEP), is_up_to_scale=controller.is_up_to_scale)
-        for joint, controller in commanded.items()
-    }
-    return robot.with_drives(
-        {joint: replace(robot.drives[joint], controller=larger[joint]) for joint in larger}
-    )
+    drives = {}
+    for joint in joints:
+        if (controller := robot.drives[joint].controller) is not None:
+            larger = controller.times(1 + STEP)
+            larger = replace(larger, is_up_to_scale=controller.is_up_to_scale)
+            drives[joint] = replace(robot.drives[joint], controller=larger)
+    return robot.with_drives(drives)
 
 
 def _with_constant(robot: Robot, joint: str, name: str, value: float) -> Robot:
@@ -592,16 +578,27 @@ def _check_same(constants: Mapping[str, Sequence[Constant]]) -> None:
             )
 
 
-def _rows_at_once(
-    regress: Callable[[Robot, Motion], Regression],
+def _with_constants(
     robot: Robot,
-    theta: Array,
     constants: Sequence[Constant],
+    values: Mapping[str, float],
+    regress: Callable[[Robot, Motion], Regression],
     motion: Motion,
+    joint: str = "",
 ) -> Regression:
-    """Return both sides at once, with the derivatives of their residual by the constants."""
-    changed = (regress(constant.robot, constant.changed(motion)) for constant in constants)
-    return with_changes(regress(robot, motion), changed, theta, STEP)
+    """Return rows with the derivatives of their residual by the constants, at values.
+
+    Those of the equation of a `joint` may lack some. An offset of an encoder is in the offset of
+    its spring, and in nothing else.
+    """
+    rows = regress(robot, motion)
+    changed = (
+        rows if joint and not x.is_in_drive(joint) else regress(x.robot, x.changed(motion))
+        for x in constants
+    )
+    # The unknown constant of a motor, which the estimate lacks, is 1 in a fit without its scale.
+    theta = np.array([values.get(name, 1.0) for name in rows.names])
+    return with_changes(rows, changed, theta, STEP)
 
 
 def _equations(
@@ -611,41 +608,17 @@ def _equations(
     robot, fits, equations = condition.robot, sides.fits, dict[str, Regress]()
     if fits is None:
         assert sides.regress is not None
-        values = sides.fit.estimate.values
-        return {LOAD: partial(_rows_at_once, sides.regress, robot, values, constants)}
-    of_drive = partial(_drive_rows, robot, constants)
-    for joint, fit in sides.actuators.items():
-        estimate = fit.estimate.of_condition(name)
-        equations[joint] = partial(of_drive, joint, estimate, actuator_regression)
+        values = sides.fit.estimate.by_name
+        return {LOAD: partial(_with_constants, robot, constants, values, sides.regress)}
+    of_drives = {x: (x, fit, actuator_regression) for x, fit in sides.actuators.items()}
     for joint, fit in fits.by_sensor.items():
-        estimate = fit.estimate.of_condition(name)
-        equations[sensed_spring(joint)] = partial(of_drive, joint, estimate, spring_regression)
+        of_drives[sensed_spring(joint)] = joint, fit, spring_regression
+    for equation, (joint, fit, regress) in of_drives.items():
+        values, rows_of = fit.estimate.of_condition(name).by_name, partial(regress, joint=joint)
+        equations[equation] = partial(
+            _with_constants, robot, constants, values, rows_of, joint=joint
+        )
     return equations | {LOAD: partial(_load_rows, condition, sides, constants)}
-
-
-def _drive_rows(
-    robot: Robot,
-    constants: Sequence[Constant],
-    joint: str,
-    estimate: Estimate,
-    regress: Callable[[Robot, Motion, str], Regression],
-    motion: Motion,
-) -> Regression:
-    """Return the rows of a drive's equation with the derivatives of their residual.
-
-    An offset of an encoder is in the offset of the spring, and in nothing else.
-    """
-    rows = regress(robot, motion, joint)
-    changed = (
-        regress(constant.robot, constant.changed(motion), joint)
-        if constant.is_in_drive(joint)
-        else rows
-        for constant in constants
-    )
-    # The unknown constant of a motor, which the estimate lacks, is 1 in a fit without its scale.
-    values = dict(zip(estimate.names, estimate.values, strict=True))
-    theta = np.array([values.get(name, 1.0) for name in rows.names])
-    return with_changes(rows, changed, theta, STEP)
 
 
 def _load_rows(
@@ -669,9 +642,9 @@ def _load_rows(
     zero, further = without_torque(robot, sides.springs), changes if in_drives else None
     rows = load_regression(robot, motion, model, zero, further)
     # An offset turns gravity, and so the columns of the bodies.
-    turned = [x.changed(motion) for x in constants if x.is_offset]
-    if not turned:
+    turning = [constant for constant in constants if constant.is_offset]
+    if not turning:
         return rows
-    regress = partial(load_regression, robot, model=model, springs=sides.springs)
-    offsets = with_changes(regress(motion), map(regress, turned), theta, STEP)
+    regress = partial(load_regression, model=model, springs=sides.springs)
+    offsets = _with_constants(robot, turning, sides.load_side.by_name, regress, motion)
     return replace(rows, propagated=np.hstack([rows.propagated, offsets.propagated]))
