@@ -9,7 +9,6 @@ the reading differs between up and down; the mean is the law, half of the differ
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -25,6 +24,7 @@ from seaid.drives.drives import deflection
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed
 from seaid.estimation import Estimate
 from seaid.log import Log
+from seaid.log.channels import UNIT_FACTORS
 from seaid.log.readers.opening import open_tables
 from seaid.regressor import joint_torques
 from seaid.robot import Robot, at_drives, torques_at_drives
@@ -298,29 +298,18 @@ def _correlation_factor(residual: Array) -> float:
 
 # Where statics come from
 
-_LOADS = {"load_Nm": ("N m", 1.0), "load_mNm": ("N m", 1e-3), "load_N": ("N", 1.0)}
-_READINGS = {
-    "deflection_rad": ("rad", 1.0),
-    "deflection_mrad": ("rad", 1e-3),
-    "deflection_deg": ("rad", np.pi / 180),
-    "deflection_m": ("m", 1.0),
-    "deflection_mm": ("m", 1e-3),
-}
-"""{column: (unit, factor)} of a table of statics; sensor_<unit> is a reading in any unit."""
-
-_SENSOR = "sensor_"
-
-_COLUMNS = (*_LOADS, *_READINGS, "mass_kg", "lever_m", "direction")
-"""The columns of a table of statics, besides the readings of a sensor."""
+_UNITS = {"load": ("Nm", "N"), "deflection": ("rad", "m"), "lever": ("m",)}
+"""{what a column <what>_<unit> of a table of statics has: its SI units}; a column sensor_<unit> is
+a reading in any unit."""
 
 
 @checked(IdentificationError)
 def read_statics(path: str | Path) -> Statics:
     """Read a table of loads and readings, such as a CSV file with a header.
 
-    The load is `load_Nm`, `load_mNm` or `load_N`, or `mass_kg` with `lever_m` (torque by 9.80665
-    m/s^2) or without (force). The reading is `deflection_rad` (`_mrad`, `_deg`, `_m`, `_mm`), or
-    `sensor_<unit>` in any unit. A column `direction` of 1 and -1 is optional.
+    The load is `load_Nm` or `load_N` (`_mNm`, `_Ncm`, `_kN`), or `mass_kg` with `lever_m` (torque
+    by 9.80665 m/s^2) or without (force). The reading is `deflection_rad` (`_mrad`, `_deg`, `_m`,
+    `_mm`), or `sensor_<unit>` in any unit. A column `direction` of 1 and -1 is optional.
 
     Parameters
     ----------
@@ -344,39 +333,39 @@ def read_statics(path: str | Path) -> Statics:
     """
     try:
         table = open_tables([Path(path)])
-        names = [x for x in table.names if x in _COLUMNS or _is_reading(x)]
-        columns = table.load(names) if names else {}
+        meanings = {name: x for name in table.names if (x := _meaning(name)) is not None}
+        columns = table.load(list(meanings)) if meanings else {}
     except LogError as problem:
         raise IdentificationError(str(problem)) from None
-    reading, loads = next(filter(_is_reading, columns), None), _loads(columns)
-    if reading is None or loads is None:
-        allowed = (
-            f"{', '.join(_LOADS)} or mass_kg (and lever_m), and {', '.join(_READINGS)} or sensor_mV"
-        )
+    measured: dict[str, tuple[Array, str]] = {}
+    for name, (what, factor, unit) in meanings.items():
+        measured.setdefault(what, (factor * columns[name], unit))
+    if "mass" in measured:
+        weights, lever = _GRAVITY * measured["mass"][0], measured.get("lever")
+        by_mass = (weights, "N") if lever is None else (weights * lever[0], "Nm")
+        measured.setdefault("load", by_mass)
+    if not {"load", "reading"} <= {*measured}:
         raise IdentificationError(
-            f"'{path}' needs a column of loads and one of readings ({allowed}), found "
+            f"'{path}' needs a column of loads and one of readings (load_Nm, load_N or mass_kg "
+            "(and lever_m), and deflection_rad, deflection_m or sensor_mV, in any such unit), found "
             f"{listed(table.names)}"
         )
-    unit, factor = _READINGS.get(reading, (reading.removeprefix(_SENSOR), 1.0))
-    load, load_unit = loads
-    return Statics(load, factor * columns[reading], load_unit, unit, columns.get("direction"))
+    (load, load_unit), (reading, unit) = measured["load"], measured["reading"]
+    direction = measured.get("direction", (None, ""))[0]
+    return Statics(load, reading, load_unit.replace("Nm", "N m"), unit, direction)
 
 
-def _is_reading(name: str) -> bool:
-    """Return whether a column has readings."""
-    return name in _READINGS or name.startswith(_SENSOR)
-
-
-def _loads(columns: Mapping[str, Array]) -> tuple[Array, str] | None:
-    """Return the loads of a table, by themselves or by masses, and their unit."""
-    name = next((name for name in columns if name in _LOADS), None)
-    if name is not None:
-        unit, factor = _LOADS[name]
-        return factor * columns[name], unit
-    if "mass_kg" not in columns:
-        return None
-    weights = _GRAVITY * columns["mass_kg"]
-    return (weights * columns["lever_m"], "N m") if "lever_m" in columns else (weights, "N")
+def _meaning(name: str) -> tuple[str, float, str] | None:
+    """Return what a column of a table has, its factor, and its unit then; None for another one."""
+    what, _, unit = name.partition("_")
+    if name in ("mass_kg", "direction"):
+        return what, 1.0, unit
+    if what == "sensor" and unit:
+        return "reading", 1.0, unit
+    for si in _UNITS.get(what, ()):
+        if unit in UNIT_FACTORS[si]:
+            return what.replace("deflection", "reading"), UNIT_FACTORS[si][unit], si
+    return None
 
 
 _HELD_S, _SMOOTH_S, _MOVES = 0.3, 0.1, 0.01
