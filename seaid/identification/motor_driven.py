@@ -150,38 +150,6 @@ def _near_reversals(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     return np.asarray(scipy.ndimage.maximum_filter1d(still.astype(np.uint8), 2 * smear + 1) > 0)
 
 
-@dataclass(frozen=True, eq=False)
-class JointStep:
-    """What moves the simulated joints of a run in a step of the parameters.
-
-    `dynamics` are those of the joints, linearised about their motion.
-    The first column of `force` (T, joints, 1 + p) is the residual of (8), by which the joints have
-    to move to satisfy it; then follow its derivatives by the parameters.
-    """
-
-    layout: Layout
-    run: Run
-    dynamics: simulated_joints.LinearisedLoad
-    force: Array
-
-    def moved(self, change: Array, part: float, initial: Array) -> Run:
-        """Return the run with its simulated joints after a part of a step."""
-        layout, known = self.layout, self.layout.identification.known
-        joints = list(map(known.index, layout.simulated))
-        # q + part dq_0 + dq/dx change + Phi(t) s: the Newton correction dq_0 of (8), the change of
-        # the parameters, and free motions Phi from the changes s of each window's initial state.
-        response = self.dynamics.response(self.force @ np.append(part, change)[:, None])
-        weights = np.column_stack([np.ones(len(initial)), initial])
-        motion = simulated_joints.displaced(self.run.motion, joints, response, weights)
-        if layout.has_zeros:
-            position = motion.joint_position.copy()
-            others = [joint for joint in range(known.n) if joint not in joints]
-            # Joints that are not simulated follow their encoders: q = reading - zero.
-            position[:, others] -= change[layout.zeros][others]
-            motion = replace(motion, joint_position=position)
-        return replace(self.run, motion=motion)
-
-
 _LEAST_RAD_S = 1e-12
 """Change of speed from a sample to the next that counts as none."""
 
@@ -319,9 +287,12 @@ class _RunEquations:
         motion = self.run.motion
         return simulated_joints.nudged(motion, 0), simulated_joints.nudged(motion, 1)
 
-    @property
+    @cached_property
     def joint_dynamics(self) -> simulated_joints.LinearisedLoad:
-        """What pulls at the simulated joints: the bodies, and the drives against their motion."""
+        """What pulls at the simulated joints: the bodies, and the drives against their motion.
+
+        It is linearised about their motion.
+        """
         layout, eye, motion = self.layout, np.eye(len(self.joints)), self.run.motion
         model = layout.identification.model
         simulated = list(map(model.torque_joints.index, layout.simulated))
@@ -335,14 +306,32 @@ class _RunEquations:
         inside[:2] += by_position, by_speed
         return simulated_joints.LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
 
-    def linearised(self) -> tuple[Residuals, JointStep]:
-        """Return the residuals of the simulated joints, and what pulls at these joints.
+    def moved(self, change: Array, part: float, initial: Array) -> Run:
+        """Return the run with its simulated joints after a part of a step of the parameters."""
+        layout, known, force = self.layout, self.known, self.load_rows_of(self.layout.simulated)
+        # q + part dq_0 + dq/dx change + Phi(t) s: the Newton correction dq_0 of (8), the change of
+        # the parameters, and free motions Phi from the changes s of each window's initial state.
+        response = self.joint_dynamics.response(force @ np.append(part, change)[:, None])
+        weights = np.column_stack([np.ones(len(initial)), initial])
+        motion = simulated_joints.displaced(self.run.motion, self.joints, response, weights)
+        if layout.has_zeros:
+            position = motion.joint_position.copy()
+            others = [joint for joint in range(known.n) if joint not in self.joints]
+            # Joints that are not simulated follow their encoders: q = reading - zero.
+            position[:, others] -= change[layout.zeros][others]
+            motion = replace(motion, joint_position=position)
+        return replace(self.run, motion=motion)
+
+    @property
+    def residuals(self) -> Residuals:
+        """The residuals of the simulated joints.
 
         Channels: positions of the simulated joints, torques of their drives and of followed joints.
+        The first column of what moves the joints is the residual of (8), by which they have to move
+        to satisfy it; then follow its derivatives by the parameters.
         """
         layout, run = self.layout, self.run
-        step = JointStep(layout, run, self.joint_dynamics, self.load_rows_of(layout.simulated))
-        response = step.dynamics.response(step.force)
+        response = self.joint_dynamics.response(self.load_rows_of(layout.simulated))
         torques = self.motor_torques(response), self.followed_torques(response)
         columns = np.concatenate([self.positions(response), *torques], axis=1)
         unseen = np.isin(layout.simulated, layout.unseen)
@@ -352,7 +341,7 @@ class _RunEquations:
         if run.motion.bridged is not None:  # what was interpolated over a gap was not measured
             unknown |= run.motion.bridged[:, None]
         free, time = 2 * len(unseen), run.motion.time
-        return block_means(columns, unknown, time, run.windows, run.block, free), step
+        return block_means(columns, unknown, time, run.windows, run.block, free)
 
     def positions(self, response: Array) -> Array:
         """Return the columns of the encoders of the simulated joints, and of their free motions."""
@@ -436,10 +425,11 @@ class MotorDriven:
         """Return the residuals of all windows at x (p,), and how the joints go on from there."""
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                around = [_RunEquations(layout, run, x).linearised() for run in self.runs]
+                around = [_RunEquations(layout, run, x) for run in self.runs]
+                residuals = [equations.residuals for equations in around]
         except IdentificationError as problem:
             raise IdentificationError(f"{_DIVERGES}; {problem}") from None
-        for rows, _ in around:
+        for rows in residuals:
             for part in (rows.residual, rows.jacobian, rows.nuisance):
                 if not np.all(np.abs(part) < _LARGEST):
                     raise IdentificationError(_DIVERGES)
@@ -448,9 +438,9 @@ class MotorDriven:
         def advance(change: Array, part: float, nuisance: Array) -> MotorDriven:
             initial = np.split(part * nuisance, starts)
             pairs = zip(around, initial, strict=True)
-            return MotorDriven([step.moved(change, part, states) for (_, step), states in pairs])
+            return MotorDriven([run.moved(change, part, states) for run, states in pairs])
 
-        return joined([rows for rows, _ in around]), advance
+        return joined(residuals), advance
 
     def changed(self, change: MotionChange) -> MotorDriven:
         """Return the simulator with a change of what was logged."""
@@ -458,31 +448,24 @@ class MotorDriven:
             [replace(x, motion=change(x.motion), measured=change(x.measured)) for x in self.runs]
         )
 
-    def with_noise(
-        self, known: Robot, logs: Sequence[Log], rng: np.random.Generator
-    ) -> MotorDriven:
-        """Return the simulator whose measured joints have the noise of the encoders once more."""
-        runs = [
-            replace(run, measured=_with_encoder_noise(known, run.measured, logs, rng))
-            for run in self.runs
-        ]
-        return MotorDriven(runs)
+    def with_noise(self, change: MotionChange) -> MotorDriven:
+        """Return the simulator with a change of the measured motions, along which laws have states.
+
+        The joints stay where they are simulated.
+        """
+        return MotorDriven([replace(run, measured=change(run.measured)) for run in self.runs])
 
 
-def _with_encoder_noise(
-    robot: Robot, motion: Motion, logs: Sequence[Log], rng: np.random.Generator
+def with_encoder_noise(
+    robot: Robot, logs: Sequence[Log], rng: np.random.Generator, motion: Motion
 ) -> Motion:
     """Return a measured motion whose joint positions have the noise of both encoders once more."""
     noise = np.zeros_like(motion.joint_position)
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drives[joint]
-        at_joint = drive.motor_radius / drive.ratio / drive.load_radius
+        at_joint = 1 / total_ratio(robot.drives[joint])
         noise[:, index] = max(
-            np.hypot(
-                at_joint * white_noise(log.motor_position[:, index]),
-                white_noise(log.joint_position[:, index]),
-            )
-            for log in logs
+            np.hypot(*(white_noise(x[:, index]) for x in (at_joint * y, z)))
+            for y, z in ((log.motor_position, log.joint_position) for log in logs)
         )
     noise = noise * rng.normal(size=noise.shape)
     noise = low_pass(noise, motion.rate_hz, POSITION_BAND * motion.cutoff_hz)

@@ -336,24 +336,21 @@ def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[st
         ):
             if "dahl" not in getattr(drive, field):
                 continue
-            returns, ranges = [0.0], [1e-12]
-            for motion in motions:
-                by_name = regression.signals(robot, motion, index)
-                x = by_name["theta_M"]
-                if field == "spring":
-                    x = deflection(drive, x, by_name["theta_L"])
-                # Fall below the running maximum and rise above the running minimum: a motion in one
-                # direction has only one of them, so that the smaller is the return.
-                down = float(np.max(np.maximum.accumulate(x) - x))
-                up = float(np.max(x - np.minimum.accumulate(x)))
-                returns.append(min(up, down))
-                ranges.append(max(up, down))
-            if max(returns) < _LEAST_RETURN * max(ranges):
+            by_motion = [regression.signals(robot, motion, index) for motion in motions]
+            positions = [x["theta_M"] for x in by_motion]
+            if field == "spring":
+                positions = [deflection(drive, x["theta_M"], x["theta_L"]) for x in by_motion]
+            # Fall below the running maximum and rise above the running minimum: a motion in one
+            # direction has only one of them, so that the smaller is the return.
+            falls = [float(np.max(np.maximum.accumulate(x) - x)) for x in positions]
+            rises = [float(np.max(x - np.minimum.accumulate(x))) for x in positions]
+            returned, moved = max(map(min, falls, rises)), max(1e-12, *falls, *rises)
+            if returned < _LEAST_RETURN * moved:
                 raise IdentificationError(
                     f"joint '{joint}': its {field} has hysteresis ('dahl'), and the {what} never "
-                    f"turns back: it moves by {max(ranges):.3g} {unit} and returns by "
-                    f"{max(returns):.2g} {unit}. Log a motion with reversals, whose {what} returns "
-                    f"by more than {_LEAST_RETURN * max(ranges):.2g} {unit} and many times the "
+                    f"turns back: it moves by {moved:.3g} {unit} and returns by "
+                    f"{returned:.2g} {unit}. Log a motion with reversals, whose {what} returns "
+                    f"by more than {_LEAST_RETURN * moved:.2g} {unit} and many times the "
                     f"width of the law, such as one of design_excitation, or remove 'dahl'"
                 )
 

@@ -8,9 +8,9 @@ identification to those of the largest likelihood, which are kept unless they pr
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -362,8 +362,9 @@ def _of_noisy_deflections(layout: Layout, point: LogPoint, logs: Sequence[Log]) 
     known, rng = layout.identification.known, np.random.default_rng(0)
     total = np.zeros((len(point.x), len(point.x)))
     for _ in range(_STATE_DRAWS if motor_driven.hysteretic_joints(known, layout.simulated) else 0):
+        noise = partial(motor_driven.with_encoder_noise, known, logs, rng)
         noisy = [
-            replace(log, simulator=log.simulator.with_noise(known, logs, rng))
+            replace(log, simulator=log.simulator.with_noise(noise))
             if isinstance(log.simulator, motor_driven.MotorDriven)
             else log
             for log in point.logs
@@ -395,12 +396,10 @@ def point_at(
 class MeasuredTorques:
     """The motion of a part of a log without gaps, whose torques are compared with the equations.
 
-    It is filtered at the cutoff of the identification. `near` are the rows at parameters of zero of
-    a layout, if its equations are linear.
+    It is filtered at the cutoff of the identification.
     """
 
     motion: Motion
-    near: tuple[Layout, Residuals] | None = None
 
     @classmethod
     def of(cls, layout: Layout, log: Log) -> MeasuredTorques:
@@ -409,14 +408,16 @@ class MeasuredTorques:
         motion = reconstruct_motion(known, log, layout.identification.cutoff_hz)
         return cls(finer_side(known, motion))
 
+    @cached_property
+    def _of_linear(self) -> Callable[[Layout], Residuals]:
+        """The residuals at parameters of zero of a layout whose equations are linear, once."""
+        return cache(lambda layout: _measured_near(layout, self.motion, layout.start))
+
     def linearised(self, layout: Layout, x: Array) -> tuple[Residuals, Advance]:
         """Return the residuals of what is not simulated at x (p,)."""
-        if self.near is not None and self.near[0] is layout:
-            rows = self.near[1]
-        else:
-            rows = _measured_near(layout, self.motion, x)
-        kept = replace(self, near=None if layout.nonlinear else (layout, rows))
-        return replace(rows, residual=rows.residual + rows.jacobian @ x), lambda *_: kept
+        is_nonlinear = bool(layout.nonlinear)
+        rows = _measured_near(layout, self.motion, x) if is_nonlinear else self._of_linear(layout)
+        return replace(rows, residual=rows.residual + rows.jacobian @ x), lambda *_: self
 
     def changed(self, change: MotionChange) -> MeasuredTorques:
         """Return the simulator with a change of what was logged."""
@@ -577,7 +578,12 @@ def _refined_unseen(layout: Layout, point: LogPoint) -> Identification:
     """Return the refinement of joints without encoder, with the terms that their springs lack."""
     wider, wider_point = _with_tests(layout, point)
     noise, p = _noise_of_states(wider_point), len(point.x)
-    terms = _tested_terms(wider, without_information(wider_point.step, noise))
+    step = without_information(wider_point.step, noise)
+    errors = np.sqrt(np.diag(step.covariance))
+    # {joint: {order: [value, standard error]}} of the tested terms, in units of (8).
+    terms: dict[str, dict[int, Array]] = {joint: {} for joint in layout.unseen}
+    for place, (joint, order) in enumerate(wider.tested, p):
+        terms[joint][order] = np.array([step.change[place], errors[place]])
     result = _refined(layout, point, without_information(point.step, noise[:p, :p]))
     return with_motor_side_findings(result, terms, _runs(point)[0].motion)
 
@@ -649,13 +655,3 @@ def _with_tests(layout: Layout, point: LogPoint) -> tuple[Layout, LogPoint]:
         return wider, wider_point
     except ExcitationError:
         return layout, point
-
-
-def _tested_terms(wider: Layout, step: Step) -> dict[str, dict[int, Array]]:
-    """Return {joint: {order: [value, standard error]}} of the tested terms, in units of (8)."""
-    first = len(wider.parameters) - len(wider.tested)
-    errors = np.sqrt(np.diag(step.covariance))
-    tested_terms: dict[str, dict[int, Array]] = {joint: {} for joint in wider.unseen}
-    for place, (joint, order) in enumerate(wider.tested, first):
-        tested_terms[joint][order] = np.array([step.change[place], errors[place]])
-    return tested_terms

@@ -343,15 +343,14 @@ def identification_at(layout: Layout, x: Array, step: Step) -> Identification:
     start = replace(start, known=layout.known_at(x), springs=springs)
     values = {**start.drive_side, **merged_estimates(actuators, load_side.by_owner())}
     drives = {joint: values[joint] for joint in start.drive_side}
-    robot = with_bodies(start.robot, start.base, load_side.values[: len(start.base.columns)])
     known = start.known.drives
-    robot = robot.with_drives({x: with_values(known[x], y.by_name) for x, y in drives.items()})
+    estimated = {x: with_values(known[x], y.by_name) for x, y in drives.items()}
     return replace(
         start,
         drive_side=FrozenMapping(drives),
         load=load_side.of_names(start.model.expressions),
         load_side=load_side,
-        robot=robot,
+        robot=layout.robot_at(x).with_drives(estimated),
         findings=revalued(start.findings, drives),
     )
 

@@ -12,9 +12,9 @@ the gains of the controllers as stiffness and damping. The joint positions are t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -227,18 +227,18 @@ def _window(identification: Identification, log: Log) -> CommandDriven:
         signals = [np.interp(motion.time, log.time, values[:, column]) for column in columns]
         return np.column_stack(signals)
 
-    unknown = np.full((len(motion.time), robot.n), np.nan)
+    unknown, sensors = np.full((len(motion.time), robot.n), np.nan), log.sensors()
+    channels = [x for x in ("joint_position", *OF_CONTROLLERS) if x in sensors]
+    sent: dict[str, Any] = {name: sampled(sensors[name]) for name in channels}
     regular = Log(
         time=motion.time,
         joint_names=robot.joint_names,
-        joint_position=sampled(log.joint_position),
         motor_position=unknown,
         motor_torque=unknown,
         is_prismatic=robot.is_prismatic,
+        **sent,
     )
-    sensors = log.sensors()
-    sent: dict[str, Any] = {x: sampled(sensors[x]) for x in OF_CONTROLLERS if x in sensors}
-    return CommandDriven(replace(regular, **sent), motion)
+    return CommandDriven(regular, motion)
 
 
 def _transient_s(robot: Robot) -> float:
@@ -254,19 +254,17 @@ def _transient_s(robot: Robot) -> float:
 
 def _motion_of(robot: Robot, motion: Motion, moved: Log) -> Motion:
     """Return the motion of a rollout."""
-    q, v, a = spline_derivatives(moved.time, moved.joint_position)
+    states = spline_derivatives(moved.time, moved.joint_position)
     ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
+    scales = [robot.drives[joint].scale_of_gains for joint in robot.joint_names]
+    angle, speed, acceleration = ratio * np.array(states)
     return replace(
-        motion,
-        joint_position=q,
-        joint_velocity=v,
-        joint_acceleration=a,
-        motor_position=ratio * q,
-        motor_velocity=ratio * v,
-        motor_acceleration=ratio * a,
+        with_joints(motion, list(range(robot.n)), states),
+        motor_position=angle,
+        motor_velocity=speed,
+        motor_acceleration=acceleration,
         motor_direction=None,
-        motor_torque=moved.motor_torque
-        / [robot.drives[x].scale_of_gains for x in robot.joint_names],
+        motor_torque=moved.motor_torque / scales,
     )
 
 
@@ -458,43 +456,41 @@ def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
     The joints `unseen` have no sensor behind their springs, which have to be linear then.
     """
     for joint, drive in robot.drives.items():
-        reason = _not_refinable(robot, joint, drive) or (
-            _not_unseen(robot, joint, drive) if joint in unseen else ""
-        )
-        if reason:
+        reasons = chain(_refusals(robot, joint, drive), _of_unseen(robot, joint, drive, unseen))
+        if reason := next(reasons, ""):
             raise IdentificationError(
                 f"the refinement cannot simulate the drive of {joint}, {reason}; use the result of "
                 "identify"
             )
 
 
-def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
+def _refusals(robot: Robot, joint: str, drive: Drive) -> Iterator[str]:
+    """Yield why a drive is not simulated."""
     if drive.shared:
-        return f"which shares parameters with others ('{drive.shared}'): it moves those of each"
+        yield f"which shares parameters with others ('{drive.shared}'): it moves those of each"
     if drive.controller is not None:
-        alone = all(x.controller is not None for x in robot.drives.values())
-        if drive.is_elastic or not alone:
-            return "whose command was logged: all drives have to be stiff, with a position command"
+        if drive.is_elastic or any(x.controller is None for x in robot.drives.values()):
+            yield "whose command was logged: all drives have to be stiff, with a position command"
         if any((motor_regressor(robot, joint).non_linear, robot.angle_ratios)):
-            return "whose equation is not linear in its parameters, or has a ratio of its angle"
+            yield "whose equation is not linear in its parameters, or has a ratio of its angle"
     elif drive.motor_input != "torque":
-        return f"of which the {drive.motor_input} was logged, not the torque"
+        yield f"of which the {drive.motor_input} was logged, not the torque"
     if "load" in drive.friction and not drive.is_elastic:
-        return "whose friction grows with the load"
-    return ""
+        yield "whose friction grows with the load"
 
 
-def _not_unseen(robot: Robot, joint: str, drive: Drive) -> str:
+def _of_unseen(robot: Robot, joint: str, drive: Drive, unseen: Iterable[str]) -> Iterator[str]:
+    """Yield why a drive is not simulated, if no sensor is behind its spring."""
+    if joint not in unseen:
+        return
     if len(group_of(robot.transmission, robot.index(joint))) > 1:
-        return "whose motor turns several joints, and no sensor is behind its spring"
+        yield "whose motor turns several joints, and no sensor is behind its spring"
     if any((drive.parallel_spring, drive.joint_friction, drive.angle_ratio)):
-        return "which has a parallel spring or joint friction, or angle_ratio, and no sensor behind"
+        yield "which has a parallel spring or joint friction, or angle_ratio, and no sensor behind"
     if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
-        return "whose equation is not linear in its parameters, without a sensor behind its spring"
-    names = set(spring_regressor(robot, joint).names)
-    if not {"stiffness", "spring_offset"} <= names <= _LINEAR:
-        return f"whose spring {_kind(robot, joint)} and no sensor behind it"
-    return ""
+        yield "whose equation is not linear in its parameters, without a sensor behind its spring"
+    if not {"stiffness", "spring_offset"} <= {*spring_regressor(robot, joint).names} <= _LINEAR:
+        yield f"whose spring {_kind(robot, joint)} and no sensor behind it"
 
 
 def _kind(robot: Robot, joint: str) -> str:

@@ -347,8 +347,8 @@ def read_statics(path: str | Path) -> Statics:
     if not {"load", "reading"} <= {*measured}:
         raise IdentificationError(
             f"'{path}' needs a column of loads and one of readings (load_Nm, load_N or mass_kg "
-            "(and lever_m), and deflection_rad, deflection_m or sensor_mV, in any such unit), found "
-            f"{listed(table.names)}"
+            "(and lever_m), and deflection_rad, deflection_m or sensor_mV, in any such unit), "
+            f"found {listed(table.names)}"
         )
     (load, load_unit), (reading, unit) = measured["load"], measured["reading"]
     direction = measured.get("direction", (None, ""))[0]

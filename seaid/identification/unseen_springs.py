@@ -228,10 +228,9 @@ def _unseen_loads(robot: Robot, motion: Motion, joints: Sequence[str]) -> Unseen
         # friction, with unknown parameters, is still to be subtracted.
         torques.append(ratio * zeta)
         columns.append(ratio * R[:, without_spring])
-    ends = np.cumsum([0, *(part.shape[1] for part in columns)])
-    friction = np.zeros((len(motion.time), len(joints), ends[-1]))
-    for row, part in enumerate(columns):
-        friction[:, row, ends[row] : ends[row + 1]] = part
+    # (T, 1, f) times (joints, 1): the friction of each joint is in its own row.
+    pairs = zip(columns, np.eye(len(joints)), strict=True)
+    friction = np.concatenate([part[:, None] * row[:, None] for part, row in pairs], axis=2)
     few = max(1, int(motion.rate_hz / (SAMPLES * 2 * motion.cutoff_hz)))
 
     def smooth(signal: Array) -> Array:
@@ -358,20 +357,17 @@ def _start_by_regression(
     grouped = [reconstruct_motions(robot, log, band_hz) for log in rigid]
     loads = [[_unseen_loads(robot, motion, joints) for motion in group] for group in grouped]
     every = list(chain(*loads))
-    model = _model_of_torques(robot, [load.motion for load in every], joints)
+    motions = [load.motion for load in every]
+    # The torques of these joints, and of the stiff ones that have one.
+    sensed = joints_with_torque(robot, motions)
+    used = [joint for joint in sensed if joint in joints or joint not in robot.elastic_joints]
+    model = load_model_of(robot, motions, used)
     regression = MotorRegression(robot, joints, every, model)
     compliance = regression.best_compliance(band_hz)
     misfit, friction = regression.fit(compliance)
     moved = [[load.moved(compliance, friction) for load in group] for group in loads]
     pairs = zip(rigid, moved, strict=True)
-    return misfit, [with_angles(robot, log, motions, joints) for log, motions in pairs]
-
-
-def _model_of_torques(robot: Robot, motions: list[Motion], joints: Sequence[str]) -> LoadModel:
-    """Return the columns of the torques of some joints, and of the stiff ones that have one."""
-    sensed = joints_with_torque(robot, motions)
-    used = [joint for joint in sensed if joint in joints or joint not in robot.elastic_joints]
-    return load_model_of(robot, motions, used)
+    return misfit, [with_angles(robot, log, parts, joints) for log, parts in pairs]
 
 
 def with_regressed_angles(
