@@ -48,8 +48,8 @@ from seaid.identification.simulated_joints import check_refinable, commanded_poi
 from seaid.identification.unseen_springs import (
     joints_sensed_by_motor_only,
     with_angles,
-    with_joint_angles,
     with_motor_side_findings,
+    with_rigid_angles,
 )
 from seaid.identification.validation import compared
 from seaid.log import Log, Motion, reconstruct_motion, row_samples
@@ -483,21 +483,16 @@ def _rows_of_channels(
 # Joints whose angles behind the springs are not measured
 
 
-def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
-    """Return the logs with the angles of unseen joints by (7) at the values x (p,)."""
-    known, cutoff_hz = layout.identification.known, layout.identification.cutoff_hz
-    drives = {
-        joint: dict(zip(layout.actuators[joint].names, x[layout.drives[joint]], strict=True))
-        for joint in layout.unseen
-    }
-    return [with_joint_angles(known, log, drives, cutoff_hz) for log in logs]
+def _filled(layout: Layout, logs: list[Log]) -> list[Log]:
+    """Return the logs with rigid springs at unseen joints, about which these are simulated."""
+    return [with_rigid_angles(layout.identification.known, log, layout.unseen) for log in logs]
 
 
 def _in_short_windows(
     layout: Layout, logs: list[Log], x: Array, iterations: int, progress: bool = False
 ) -> tuple[LogPoint, list[Log]]:
     """Return a fit in short windows from x (p,), and the logs with the angles that it simulates."""
-    short = point_at(layout, _filled(layout, logs, x), x, SHORT_WINDOW_S)
+    short = point_at(layout, _filled(layout, logs), x, SHORT_WINDOW_S)
     point, _ = gauss_newton_search(short, iterations, _CLOSE_TO_LONGER, progress)
     return point, [_simulated_log(layout, log, point) for log in logs]
 
@@ -527,7 +522,7 @@ def simulated_from_motors(identification: Identification, log: Log) -> Log:
         return log
     _check_start(identification, unseen)
     layout = layout_of(identification, 0.0, unseen)
-    filled = _filled(layout, [log], layout.start)
+    filled = _filled(layout, [log])
     return _simulated_log(layout, log, point_at(layout, filled, layout.start))
 
 

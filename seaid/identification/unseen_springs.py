@@ -27,7 +27,6 @@ from seaid.drives import total_ratio
 from seaid.errors import ExcitationError, Finding, IdentificationError, LogError
 from seaid.estimation.nonlinear_least_squares import LEAST_STD
 from seaid.estimation.qr_factor import RANK_TOLERANCE, scaled_svd
-from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Log, Motion, low_pass, row_samples
 from seaid.log.filtering import spline_derivatives
@@ -121,21 +120,6 @@ def _antiresonances_hz(
     return {x: float(np.sqrt(abs(square))) / (2 * np.pi) for x, square in squares.items()}
 
 
-def joint_angle(robot: Robot, motion: Motion, joint: str, values: Mapping[str, float]) -> Array:
-    """Return the joint position (T,) that satisfies (7) at the `values` of the drive."""
-    index, drive = robot.index(joint), robot.drives[joint]
-    ratio = total_ratio(robot.drives[joint])
-    q = motion.motor_position[:, index] / ratio
-    positions = motion.joint_position.copy()
-    positions[:, index] = q
-    at = replace(motion, joint_position=positions, deflection=None)
-    regressor, zeta, R = actuator_columns(robot, at, joint)
-    rest = zeta - R @ [values.get(name, 0.0) for name in regressor.names]
-    rest = rest - values.get(TORQUE_OFFSET, 0.0)
-    # (7) is linear in q: a change by d changes `rest` by k r_M r_L / N d
-    return np.asarray(q - rest * ratio / (values["stiffness"] * drive.load_radius**2))
-
-
 def with_rigid_angles(robot: Robot, log: Log, joints: Sequence[str]) -> Log:
     """Return the log with the motor angles over the gear ratio as joint positions."""
     position = log.joint_position.copy()
@@ -165,19 +149,6 @@ def with_angles(robot: Robot, log: Log, motions: Sequence[Motion], joints: Seque
     if not np.all(np.abs(np.nan_to_num(position)) < _DIVERGED_RAD):
         raise IdentificationError("the simulated angles behind the springs diverge")
     return replace(log, joint_position=position)
-
-
-def with_joint_angles(
-    robot: Robot, log: Log, values: Mapping[str, Mapping[str, float]], cutoff_hz: float
-) -> Log:
-    """Return the log with the joint positions that satisfy (7) at the `values` of the drives."""
-    log, moved = with_rigid_angles(robot, log, list(values)), []
-    for motion in reconstruct_motions(robot, log, cutoff_hz):
-        q = motion.joint_position.copy()
-        for joint, drive_values in values.items():
-            q[:, robot.index(joint)] = joint_angle(robot, motion, joint, drive_values)
-        moved.append(replace(motion, joint_position=q))
-    return with_angles(robot, log, moved, list(values))
 
 
 def cutoff_of(

@@ -21,19 +21,16 @@ from scripts.benchmarks.motor_side import (
     simulated_together,
 )
 from seaid.checks.predictions import noisy_springs
-from seaid.drives import SeriesElasticDrive, total_ratio
+from seaid.drives import SeriesElasticDrive
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.identification import Identification, identify, refine
 from seaid.identification.unseen_springs import (
-    joint_angle,
     joints_sensed_by_motor_only,
     with_angles,
     with_motor_side_findings,
-    with_rigid_angles,
 )
 from seaid.log import Log, reconstruct_motion
 from seaid.robot import Robot
-from tests.experiments import leg, leg_motion, perfect_log
 from tests.plants import kept
 from tests.standard_errors import scores
 
@@ -118,23 +115,6 @@ def test_joints_without_a_sensor_behind_the_spring_are_found(robot: Robot) -> No
     assert joints_sensed_by_motor_only(robot, [replace(log, deflection=log.motor_position)]) == ()
     blind = replace(log, motor_torque=np.full_like(log.motor_torque, np.nan))
     assert joints_sensed_by_motor_only(robot, [blind]) == ()
-
-
-def test_the_angle_by_the_motor_equation_is_the_true_one() -> None:
-    truth, motion = leg(), leg_motion()
-    log = perfect_log(truth, motion)
-    rigid = with_rigid_angles(truth, log, truth.elastic_joints)
-    moving = reconstruct_motion(truth, rigid, 20.0)
-    own = slice(200, -200)
-    for joint in truth.elastic_joints:
-        index, drive = truth.index(joint), truth.drives[joint]
-        values = {**drive.values, "spring_offset": 0.0}
-        angle = joint_angle(truth, moving, joint, values)
-        true = np.interp(moving.time, log.time, log.joint_position[:, index])
-        without = moving.motor_position[:, index] / total_ratio(truth.drives[joint])
-        fast = np.abs(moving.motor_velocity[:, index]) > 5.0  # away from steps of dry friction
-        error, size = (np.sqrt(np.mean((x - true)[own][fast[own]] ** 2)) for x in (angle, without))
-        assert error < 0.05 * size
 
 
 @pytest.mark.slow  # a plant of 10 s in Python
