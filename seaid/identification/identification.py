@@ -228,22 +228,18 @@ def _with_simulated_angles(
     """
     assert options.cutoff_hz is not None
 
-    def estimated(initial: list[Log], is_consistent: bool) -> output_error.FirstEstimate:
+    def estimated(initial: list[Log], is_consistent: bool) -> tuple[float, list[Log]]:
         return output_error.first_estimate(
             _fit(robot, initial, replace(options, feasible=is_consistent)), logs
         )
 
-    def refined(initial: list[Log]) -> output_error.FirstEstimate:
+    def refined(initial: list[Log]) -> tuple[float, list[Log]]:
         # An inertia as estimated may not be one to simulate.
         return next(successes(partial(estimated, initial, x) for x in (False, True)))
 
-    tried = list[output_error.FirstEstimate]()
     starts = starts_by_regression(robot, logs, joints, options.cutoff_hz)
-    for estimate in successes(partial(refined, initial) for initial in starts):
-        tried.append(estimate)
-        if estimate.is_at_noise:
-            break
-    return min(tried, key=lambda estimate: estimate.merit).logs
+    tried = successes(partial(refined, initial) for initial in starts)
+    return min(tried, key=lambda estimate: estimate[0])[1]
 
 
 def _refined_from_motors(

@@ -115,14 +115,14 @@ def _in_wider_band(layout: Layout, log: Log) -> Motion:
     behind = (*layout.unseen, *layout.followed)
     # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
     # the column w' of an unknown I_M makes it too small (errors in variables).
-    noises = [motor_noise(layout, joint, log, motion) for joint in behind]
+    noises = [_motor_noise(layout, joint, log, motion) for joint in behind]
     is_noisy = any(torque < rotor for torque, rotor in noises)
     if is_noisy or any("motor_inertia" in layout.actuators[x].names for x in layout.unseen):
         return simulated_joints.finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
     return motion
 
 
-def motor_noise(layout: Layout, joint: str, log: Log, motion: Motion) -> tuple[float, float]:
+def _motor_noise(layout: Layout, joint: str, log: Log, motion: Motion) -> tuple[float, float]:
     """Return the noise of a motor torque, and of its encoder in the torque of the rotor."""
     # The robot has the rotor inertia of a start that does not know it, too.
     start = layout.identification

@@ -526,26 +526,11 @@ def simulated_from_motors(identification: Identification, log: Log) -> Log:
     return _simulated_log(layout, log, point_at(layout, filled, layout.start))
 
 
-_AT_NOISE, _SMALLEST_TORQUE = 3.0, 1e-6
-"""Residual torque over the noise between samples at which a first estimate is not in a wrong
-minimum, where it was 10 to 60 times on three plants of scripts/benchmarks/motor_side.py; and the
-least noise [N m] of a log."""
+def first_estimate(identification: Identification, logs: list[Log]) -> tuple[float, list[Log]]:
+    """Return the merit of the fit in short windows of logs without some joint encoders.
 
-
-@dataclass(frozen=True, eq=False)
-class FirstEstimate:
-    """A fit in short windows: its merit, and the logs with the simulated angles of unseen joints.
-
-    `is_at_noise` says whether nothing but the noise of the torques is left.
+    With it come the logs with the angles of unseen joints that it simulates.
     """
-
-    merit: float
-    logs: list[Log]
-    is_at_noise: bool
-
-
-def first_estimate(identification: Identification, logs: list[Log]) -> FirstEstimate:
-    """Return the fit in short windows of logs without some joint encoders."""
     layout = layout_of(identification, 0.0, joints_sensed_by_motor_only(identification.known, logs))
     x = layout.start
     for joint in layout.unseen:  # the angles of the start are those of a spring without damping
@@ -553,20 +538,9 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
             values = identification.known.drives[joint].values
             x[layout.places[damping]] = values.get("spring_damping", 0.0)
     point, simulated = _in_short_windows(layout, logs, x, _FIRST_STEPS)
-    # Channels: the s positions of simulated joints, then the torques of their s drives.
-    channels = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
-    noise = [
-        max(
-            np.hypot(*motor_driven.motor_noise(layout, joint, log, run.motion))
-            for log in logs
-            for run in _runs(point)
-        )
-        for joint in layout.unseen
-    ]
     if any(point.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
         raise IdentificationError("the search of the stiffness ended below zero")
-    at_noise = point.step.stds[channels] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
-    return FirstEstimate(point.step.merit, simulated, bool(np.all(at_noise)))
+    return point.step.merit, simulated
 
 
 def _refined_unseen(layout: Layout, point: LogPoint) -> Identification:
