@@ -293,8 +293,9 @@ def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
         rates = other_side(time[rows] - delay, 1)
         return np.asarray(rates[:, :1] - rates[:, 1:] @ theta[:, None])
 
-    trials = np.linspace(-largest_s, largest_s, _TRIALS)[:, None]
-    fit = separable_least_squares(shifted, slopes, [*trials], -trials[-1:, 0], trials[-1:, 0])
+    trials = [np.array([x]) for x in np.linspace(-largest_s, largest_s, _TRIALS)]
+    start = min(trials, key=lambda trial: float(np.linalg.norm(residual_of(*shifted(trial)))))
+    fit = separable_least_squares(shifted, slopes, [start], trials[0], trials[-1])
     delay, slope = float(fit.nonlinear[0]), slopes(fit.nonlinear, fit.linear)
     y, columns = shifted(fit.nonlinear)
     error = _standard_error(y, columns, slope, time[rows])

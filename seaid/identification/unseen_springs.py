@@ -49,9 +49,8 @@ _TRIED_RATIOS = np.geomspace(0.3, 4.0, 14)
 apparent one of the motor. Far below the band, the joint angle is a multiple of the torque, and
 anything fits."""
 
-_SWEEPS, _WEIGHTINGS, _FACTORS = 3, 3, (0.6, 0.8, 1.25, 1.6)
-"""Regressions at a compliance, for its friction, and of joints by their errors; then changes of one
-compliance at a time."""
+_WEIGHTINGS, _FACTORS = 3, (0.6, 0.8, 1.25, 1.6)
+"""Regressions of joints by their errors; changes of one compliance at a time."""
 
 SAMPLES = 8
 """Samples per period of an oscillation that a log shows."""
@@ -177,12 +176,12 @@ class UnseenLoads:
     torque: Array
     friction: Array
 
-    def moved(self, compliance: Array, friction: Array) -> Motion:
+    def moved(self, compliance: Array) -> Motion:
         """Return the motion with the joint positions of (7) and (4b), below twice the band."""
         motion, q = self.motion, self.motion.joint_position.copy()
         # (4b): q = theta_M / N_t - c tau_L with c = 1 / (k r_L^2); the positions are rigid so far,
         # q = theta_M / N_t.
-        q[:, self.joints] -= compliance * (self.torque - self.friction @ friction)
+        q[:, self.joints] -= compliance * self.torque
         q = low_pass(q, motion.rate_hz, 2 * motion.cutoff_hz)
         states = spline_derivatives(motion.time, q[:, self.joints])
         return with_joints(motion, self.joints, states)
@@ -190,33 +189,30 @@ class UnseenLoads:
 
 def _unseen_loads(robot: Robot, motion: Motion, joints: Sequence[str]) -> UnseenLoads:
     """Return the torques on the loads below twice the band, with few samples."""
-    torques, columns = [], []
+    parts = []
     for joint in joints:
         regressor, zeta, R = actuator_columns(robot, motion, joint)
         without_spring = [name not in _OF_SPRING for name in regressor.names]
-        ratio = total_ratio(robot.drives[joint])
         # N r_L / r_M times (7) without its spring: the torque on the load by the motor, from which
         # friction, with unknown parameters, is still to be subtracted.
-        torques.append(ratio * zeta)
-        columns.append(ratio * R[:, without_spring])
+        part = total_ratio(robot.drives[joint]) * np.column_stack([zeta, R[:, without_spring]])
+        parts.append(part)
     # (T, 1, f) times (joints, 1): the friction of each joint is in its own row.
-    pairs = zip(columns, np.eye(len(joints)), strict=True)
-    friction = np.concatenate([part[:, None] * row[:, None] for part, row in pairs], axis=2)
+    pairs = zip(parts, np.eye(len(joints)), strict=True)
+    torque = np.stack([part[:, :1] for part in parts], axis=1)
+    whole = np.concatenate([torque, *(x[:, None, 1:] * row[:, None] for x, row in pairs)], axis=2)
     few = max(1, int(motion.rate_hz / (SAMPLES * 2 * motion.cutoff_hz)))
-
-    def smooth(signal: Array) -> Array:
-        return low_pass(signal, motion.rate_hz, 2 * motion.cutoff_hz)[::few]
-
-    flat = smooth(friction.reshape(len(friction), -1)).reshape(-1, *friction.shape[1:])
-    places = [robot.index(joint) for joint in joints]
-    return UnseenLoads(decimated(motion, few), places, smooth(np.column_stack(torques)), flat)
+    smooth = low_pass(whole.reshape(len(whole), -1), motion.rate_hz, 2 * motion.cutoff_hz)[::few]
+    smooth = smooth.reshape(-1, *whole.shape[1:])
+    places = list(map(robot.index, joints))
+    return UnseenLoads(decimated(motion, few), places, smooth[:, :, 0], smooth[:, :, 1:])
 
 
 @dataclass(frozen=True, eq=False)
 class MotorRegression:
     """The regression of the motor torques of some joints, which is linear but for the compliances.
 
-    At given compliances and friction (7) and (4b) give the joint positions, and (7) in (8) is
+    At given compliances (7) without friction and (4b) give the joint positions, and (7) in (8) is
     linear in the parameters of bodies and friction. The search is over the compliances alone.
     """
 
@@ -233,41 +229,32 @@ class MotorRegression:
         # w_a = sqrt(1 / (c J)), so that c = 1 / (J w_a^2).
         inertia = np.sqrt(np.mean(torque**2, axis=0) / np.mean(np.concatenate(motion) ** 2, axis=0))
         tried = [1 / (inertia * (2 * np.pi * band_hz * part) ** 2) for part in _TRIED_RATIOS]
-        best: Array = min(tried, key=lambda compliance: self.fit(compliance)[0])
+        best: Array = min(tried, key=self.misfit)
         for changed in [*np.eye(len(self.joints), dtype=bool)] * 2:
             near = [best * np.where(changed, factor, 1.0) for factor in (1.0, *_FACTORS)]
-            best = min(near, key=lambda compliance: self.fit(compliance)[0])
+            best = min(near, key=self.misfit)
         return best
 
-    def fit(self, compliance: Array) -> tuple[float, Array]:
-        """Return the misfit at compliances (joints,), and the friction there.
+    def misfit(self, compliance: Array) -> float:
+        """Return the misfit at compliances (joints,): the mean log of rms error over torque."""
+        return _misfit(np.concatenate([self._rows(load, compliance) for load in self.loads]))
 
-        The misfit is the mean log of the rms error over that of the torque.
-        """
-        friction = np.zeros(self.loads[0].friction.shape[2])
-        for _ in range(_SWEEPS):
-            rows = np.concatenate([self._rows(load, compliance, friction) for load in self.loads])
-            misfit, x = _weighted_fit(rows)
-            # Not x[-f:], which is all of x for f = 0.
-            friction = x[len(x) - len(friction) :]
-        return misfit, friction
-
-    def _rows(self, load: UnseenLoads, compliance: Array, friction: Array) -> Array:
+    def _rows(self, load: UnseenLoads, compliance: Array) -> Array:
         """Return the rows [columns of bodies and friction, torque] at the moved joints."""
-        robot, motion = self.robot, load.moved(compliance, friction)
+        robot, motion = self.robot, load.moved(compliance)
         # the torques of the springs are those that (7) leaves of the motors'
         springs = {x: np.zeros(len(spring_regressor(robot, x).names)) for x in self.joints}
         rows = [self.model.torque_joints.index(joint) for joint in self.joints]
         columns = load_columns(robot, motion, self.model, springs)
-        torque, of_friction = columns.torque, np.zeros((*columns.torque.shape, len(friction)))
-        torque[:, rows], of_friction[:, rows] = load.torque, load.friction
-        y = (torque - columns.payload)[:, :, None]
+        of_friction = np.zeros((*columns.torque.shape, load.friction.shape[2]))
+        columns.torque[:, rows], of_friction[:, rows] = load.torque, load.friction
+        y = (columns.torque - columns.payload)[:, :, None]
         whole = np.concatenate([columns.H, of_friction, y], axis=2)
         return in_band_at(motion, whole, row_samples(motion))
 
 
-def _weighted_fit(rows: Array) -> tuple[float, Array]:
-    """Return the misfit of a regression by rows (T, joints, [columns, y]), and its parameters.
+def _misfit(rows: Array) -> float:
+    """Return the misfit of a regression by rows (T, joints, [columns, y]).
 
     Joints are weighted by their errors.
     """
@@ -279,7 +266,7 @@ def _weighted_fit(rows: Array) -> tuple[float, Array]:
         residual = y - rows[:, :, :-1] @ x
         error = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), LEAST_STD)
     # As in the likelihood of joints with noise levels of their own: all joints count alike.
-    return float(np.mean(np.log(error / size))), x
+    return float(np.mean(np.log(error / size)))
 
 
 Tried = TypeVar("Tried")
@@ -308,9 +295,7 @@ def starts_by_regression(
 ) -> list[list[Log]]:
     """Return the logs with the angles of regressions in bands below the cutoff.
 
-    The starts with the least misfit come first. The caller stops at the first whose fit reaches the
-    noise, and a fit in a wrong minimum may seem to reach it: below a high cutoff the rotor inertia
-    times the noisy acceleration is large.
+    The starts with the least misfit come first.
     """
     bands = (part * cutoff_hz for part in _BANDS)
     starts = successes(partial(_start_by_regression, robot, logs, joints, x) for x in bands)
@@ -335,10 +320,11 @@ def _start_by_regression(
     model = load_model_of(robot, motions, used)
     regression = MotorRegression(robot, joints, every, model)
     compliance = regression.best_compliance(band_hz)
-    misfit, friction = regression.fit(compliance)
-    moved = [[load.moved(compliance, friction) for load in group] for group in loads]
+    moved = [[load.moved(compliance) for load in group] for group in loads]
     pairs = zip(rigid, moved, strict=True)
-    return misfit, [with_angles(robot, log, parts, joints) for log, parts in pairs]
+    return regression.misfit(compliance), [
+        with_angles(robot, log, parts, joints) for log, parts in pairs
+    ]
 
 
 def with_regressed_angles(
