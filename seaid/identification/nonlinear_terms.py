@@ -491,7 +491,9 @@ def _started(
         for name in motor_regressor(robot, joint).names
         if name in PARAMETERS and name not in (*drive.values, "motor_inertia")
     }
-    return robot.with_drives({joint: drive.with_values(values)})
+    # A regression may find positive parameters below zero.
+    signed = {x: abs(y) if PARAMETERS[x].is_positive else y for x, y in values.items()}
+    return robot.with_drives({joint: drive.with_values(signed)})
 
 
 def _load_search(

@@ -532,12 +532,7 @@ def first_estimate(identification: Identification, logs: list[Log]) -> tuple[flo
     With it come the logs with the angles of unseen joints that it simulates.
     """
     layout = layout_of(identification, 0.0, joints_sensed_by_motor_only(identification.known, logs))
-    x = layout.start
-    for joint in layout.unseen:  # the angles of the start are those of a spring without damping
-        if (damping := Parameter("spring_damping", joint)) in layout.places:
-            values = identification.known.drives[joint].values
-            x[layout.places[damping]] = values.get("spring_damping", 0.0)
-    point, simulated = _in_short_windows(layout, logs, x, _FIRST_STEPS)
+    point, simulated = _in_short_windows(layout, logs, layout.start, _FIRST_STEPS)
     if any(point.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
         raise IdentificationError("the search of the stiffness ended below zero")
     return point.step.merit, simulated
