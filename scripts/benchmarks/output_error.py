@@ -118,8 +118,9 @@ def bound() -> Array:
     # every second row of the filtered torques counts
     block = 2 * decimation(runs[0].motion.rate_hz, found.cutoff_hz)
     stds = np.append(simulated, ratios * torque[others] / np.sqrt(block))
-    simulators = MotorDriven(runs), MeasuredTorques.of(layout, perfect)
-    residuals = [x.linearised(layout, layout.start)[0] for x in simulators]
+    simulated = [MotorDriven(layout, layout.start, run) for run in runs]
+    compared = *simulated, MeasuredTorques.of(layout, perfect, layout.start)
+    residuals = [log.residuals for log in compared]
     covariance = fisher_covariance(residuals, layout.parameters, stds)
     names = [parameter.name for parameter in layout.parameters]
     least = dict(zip(names, np.sqrt(np.diag(covariance)), strict=True))

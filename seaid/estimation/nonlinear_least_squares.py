@@ -66,18 +66,6 @@ class Residuals:
     channels: range
 
 
-def joined(parts: list[Residuals]) -> Residuals:
-    """Return the residuals of the parts of one log, in whole windows each."""
-    return Residuals(
-        residual=np.concatenate([part.residual for part in parts]),
-        jacobian=np.concatenate([part.jacobian for part in parts]),
-        nuisance=np.concatenate([part.nuisance for part in parts]),
-        kept=np.concatenate([part.kept for part in parts]),
-        time=np.concatenate([part.time for part in parts]),
-        channels=parts[0].channels,
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class Step:
     """A step towards the maximum of the likelihood.

@@ -25,9 +25,9 @@ from seaid.drives.drives import DefaultTerms, deflection
 from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.estimation import Parameter
-from seaid.estimation.nonlinear_least_squares import Residuals, joined
+from seaid.estimation.nonlinear_least_squares import Residuals
 from seaid.identification import simulated_joints
-from seaid.identification.refined_parameters import Advance, Layout, MotionChange, block_means
+from seaid.identification.refined_parameters import Layout, MotionChange, Outputs, block_means
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.identification.unseen_springs import SAMPLES
 from seaid.log import Log, Motion, low_pass, reconstruct_motion
@@ -150,20 +150,23 @@ def _near_reversals(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     return np.asarray(scipy.ndimage.maximum_filter1d(still.astype(np.uint8), 2 * smear + 1) > 0)
 
 
+_LARGEST = 1e100
+"""Size from which a simulation diverges: squares of what is larger overflow."""
+
+_DIVERGES = "the simulation diverges at this estimate: check the identification it starts from"
+
 _LEAST_RAD_S = 1e-12
 """Change of speed from a sample to the next that counts as none."""
 
 
 @dataclass(frozen=True, eq=False)
-class _RunEquations:
-    """The equations of a run about parameters x (p,), of S simulated joints.
+class MotorDriven(Outputs):
+    """A run, whose S joints behind springs are simulated from the motor angles.
 
     Columns (T, joints, 1 + p) are a residual and its derivatives by x.
     """
 
-    layout: Layout
     run: Run
-    x: Array
 
     @cached_property
     def known(self) -> Robot:
@@ -306,9 +309,10 @@ class _RunEquations:
         inside[:2] += by_position, by_speed
         return simulated_joints.LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
 
-    def moved(self, change: Array, part: float, initial: Array) -> Run:
-        """Return the run with its simulated joints after a part of a step of the parameters."""
-        layout, known, force = self.layout, self.known, self.load_rows_of(self.layout.simulated)
+    def moved(self, x: Array, part: float, nuisance: Array) -> MotorDriven:
+        """Return the run with its simulated joints after a part of a step to parameters x (p,)."""
+        layout, change, initial = self.layout, x - self.x, part * nuisance
+        force = self.load_rows_of(layout.simulated)
         # q + part dq_0 + dq/dx change + Phi(t) s: the Newton correction dq_0 of (8), the change of
         # the parameters, and free motions Phi from the changes s of each window's initial state.
         response = self.joint_dynamics.response(force @ np.append(part, change)[:, None])
@@ -316,15 +320,34 @@ class _RunEquations:
         motion = simulated_joints.displaced(self.run.motion, self.joints, response, weights)
         if layout.has_zeros:
             position = motion.joint_position.copy()
-            others = [joint for joint in range(known.n) if joint not in self.joints]
+            others = [joint for joint in range(self.known.n) if joint not in self.joints]
             # Joints that are not simulated follow their encoders: q = reading - zero.
             position[:, others] -= change[layout.zeros][others]
             motion = replace(motion, joint_position=position)
-        return replace(self.run, motion=motion)
+        return replace(self, x=x, run=replace(self.run, motion=motion))
+
+    def changed(self, known: Robot, change: MotionChange) -> MotorDriven:
+        """Return the residuals for a robot with other constants, and a change of the log."""
+        run = self.run
+        run = replace(run, motion=change(run.motion), measured=change(run.measured))
+        return replace(self, layout=self.layout.with_known(known), run=run)
+
+    @cached_property
+    def residuals(self) -> Residuals:
+        """The residuals of the simulated joints. Raises IdentificationError if these diverge."""
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                rows = self.outputs
+        except IdentificationError as problem:
+            raise IdentificationError(f"{_DIVERGES}; {problem}") from None
+        for part in (rows.residual, rows.jacobian, rows.nuisance):
+            if not np.all(np.abs(part) < _LARGEST):
+                raise IdentificationError(_DIVERGES)
+        return rows
 
     @property
-    def residuals(self) -> Residuals:
-        """The residuals of the simulated joints.
+    def outputs(self) -> Residuals:
+        """The residuals of the simulated joints, whatever their size.
 
         Channels: positions of the simulated joints, torques of their drives and of followed joints.
         The first column of what moves the joints is the residual of (8), by which they have to move
@@ -407,53 +430,6 @@ def check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
             f"the log determines {', '.join(names)} of {joint}, the identification "
             f"has {', '.join(identified)}: same torque sensors needed"
         )
-
-
-_LARGEST = 1e100
-"""Size from which a simulation diverges: squares of what is larger overflow."""
-
-_DIVERGES = "the simulation diverges at this estimate: check the identification it starts from"
-
-
-@dataclass(frozen=True, eq=False)
-class MotorDriven:
-    """A log whose joints behind springs are simulated from its motor angles, by windows."""
-
-    runs: Sequence[Run]
-
-    def linearised(self, layout: Layout, x: Array) -> tuple[Residuals, Advance]:
-        """Return the residuals of all windows at x (p,), and how the joints go on from there."""
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                around = [_RunEquations(layout, run, x) for run in self.runs]
-                residuals = [equations.residuals for equations in around]
-        except IdentificationError as problem:
-            raise IdentificationError(f"{_DIVERGES}; {problem}") from None
-        for rows in residuals:
-            for part in (rows.residual, rows.jacobian, rows.nuisance):
-                if not np.all(np.abs(part) < _LARGEST):
-                    raise IdentificationError(_DIVERGES)
-        starts = np.cumsum([run.windows for run in self.runs])[:-1]
-
-        def advance(change: Array, part: float, nuisance: Array) -> MotorDriven:
-            initial = np.split(part * nuisance, starts)
-            pairs = zip(around, initial, strict=True)
-            return MotorDriven([run.moved(change, part, states) for run, states in pairs])
-
-        return joined(residuals), advance
-
-    def changed(self, change: MotionChange) -> MotorDriven:
-        """Return the simulator with a change of what was logged."""
-        return MotorDriven(
-            [replace(x, motion=change(x.motion), measured=change(x.measured)) for x in self.runs]
-        )
-
-    def with_noise(self, change: MotionChange) -> MotorDriven:
-        """Return the simulator with a change of the measured motions, along which laws have states.
-
-        The joints stay where they are simulated.
-        """
-        return MotorDriven([replace(run, measured=change(run.measured)) for run in self.runs])
 
 
 def with_encoder_noise(

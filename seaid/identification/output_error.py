@@ -23,6 +23,7 @@ from seaid.drives.terms import parameter_named
 from seaid.errors import ExcitationError, Finding, IdentificationError, SeaidError, checked
 from seaid.estimation import Parameter
 from seaid.estimation.nonlinear_least_squares import (
+    Point,
     Residuals,
     Step,
     gauss_newton_search,
@@ -33,15 +34,12 @@ from seaid.estimation.nonlinear_least_squares import (
 from seaid.identification import motor_driven
 from seaid.identification.drive_estimates import without_torque
 from seaid.identification.refined_parameters import (
-    Advance,
     Layout,
     LogPoint,
     MotionChange,
-    OutputError,
-    Simulator,
+    Outputs,
     identification_at,
     layout_of,
-    point_of,
 )
 from seaid.identification.sensitivity import STEP, constants_of
 from seaid.identification.simulated_joints import check_refinable, commanded_point, finer_side
@@ -59,7 +57,7 @@ from seaid.log.usable_parts import stretches, usable
 from seaid.regressor import Regression, actuator_regression, load_regression, motor_regressor
 from seaid.regressor.load import check_offset_std, offset_sensitivity
 from seaid.regressor.regression import Regress
-from seaid.robot import coupled_names
+from seaid.robot import Robot, coupled_names
 from seaid.robot.robot import check_held
 
 if TYPE_CHECKING:
@@ -329,7 +327,7 @@ def _worse(
     return [worse_than_start(reason, evidence)]
 
 
-def _squared_change(point: LogPoint, logs: Sequence[OutputError]) -> Array:
+def _squared_change(point: LogPoint, logs: Sequence[Outputs]) -> Array:
     """Return the square (p, p) of the change of the next step with other logs at its values."""
     change = replace(point, logs=tuple(logs)).step.change - point.step.change
     return np.outer(change, change)
@@ -364,8 +362,8 @@ def _of_noisy_deflections(layout: Layout, point: LogPoint, logs: Sequence[Log]) 
     for _ in range(_STATE_DRAWS if motor_driven.hysteretic_joints(known, layout.simulated) else 0):
         noise = partial(motor_driven.with_encoder_noise, known, logs, rng)
         noisy = [
-            replace(log, simulator=log.simulator.with_noise(noise))
-            if isinstance(log.simulator, motor_driven.MotorDriven)
+            replace(log, run=replace(log.run, measured=noise(log.run.measured)))
+            if isinstance(log, motor_driven.MotorDriven)
             else log
             for log in point.logs
         ]
@@ -382,46 +380,49 @@ def point_at(
     """Return the point of a search at the values x (p,), its joints simulated to satisfy (8)."""
     shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
     parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
-    simulators: list[Simulator] = []
-    if layout.simulated:
-        simulators += [
-            motor_driven.MotorDriven(motor_driven.runs_of(layout, part, window_s)) for part in parts
-        ]
+    compared: list[Outputs] = []
+    for part in parts if layout.simulated else ():
+        runs = motor_driven.runs_of(layout, part, window_s)
+        compared += [motor_driven.MotorDriven(layout, x, run) for run in runs]
     if layout.sensed or layout.others:
-        simulators += [MeasuredTorques.of(layout, part) for part in parts]
-    return point_of(layout, simulators, x).settled()
+        compared += [MeasuredTorques.of(layout, part, x) for part in parts]
+    return Point(layout.parameters, x, tuple(compared)).settled()
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredTorques:
+class MeasuredTorques(Outputs):
     """The motion of a part of a log without gaps, whose torques are compared with the equations.
 
-    It is filtered at the cutoff of the identification.
+    It is filtered at the cutoff of the identification. `of_linear` are the residuals at parameters
+    of zero of a layout whose equations are linear, computed once.
     """
 
     motion: Motion
+    of_linear: Callable[[Layout], Residuals]
 
     @classmethod
-    def of(cls, layout: Layout, log: Log) -> MeasuredTorques:
+    def of(cls, layout: Layout, log: Log, x: Array) -> MeasuredTorques:
         """Return a log at the cutoff of the identification."""
         known = layout.identification.known
         motion = reconstruct_motion(known, log, layout.identification.cutoff_hz)
-        return cls(finer_side(known, motion))
+        return cls.of_motion(layout, finer_side(known, motion), x)
+
+    @classmethod
+    def of_motion(cls, layout: Layout, motion: Motion, x: Array) -> MeasuredTorques:
+        """Return a motion whose linear equations are evaluated once."""
+        return cls(layout, x, motion, cache(lambda each: _measured_near(each, motion, x)))
 
     @cached_property
-    def _of_linear(self) -> Callable[[Layout], Residuals]:
-        """The residuals at parameters of zero of a layout whose equations are linear, once."""
-        return cache(lambda layout: _measured_near(layout, self.motion, layout.start))
-
-    def linearised(self, layout: Layout, x: Array) -> tuple[Residuals, Advance]:
-        """Return the residuals of what is not simulated at x (p,)."""
+    def residuals(self) -> Residuals:
+        """The residuals of what is not simulated."""
+        layout, x = self.layout, self.x
         is_nonlinear = bool(layout.nonlinear)
-        rows = _measured_near(layout, self.motion, x) if is_nonlinear else self._of_linear(layout)
-        return replace(rows, residual=rows.residual + rows.jacobian @ x), lambda *_: self
+        rows = _measured_near(layout, self.motion, x) if is_nonlinear else self.of_linear(layout)
+        return replace(rows, residual=rows.residual + rows.jacobian @ x)
 
-    def changed(self, change: MotionChange) -> MeasuredTorques:
-        """Return the simulator with a change of what was logged."""
-        return MeasuredTorques(change(self.motion))
+    def changed(self, known: Robot, change: MotionChange) -> MeasuredTorques:
+        """Return the residuals for a robot with other constants, and a change of the log."""
+        return self.of_motion(self.layout.with_known(known), change(self.motion), self.x)
 
 
 def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
@@ -508,8 +509,7 @@ def _simulated_log(layout: Layout, log: Log, point: LogPoint) -> Log:
 
 def _runs(point: LogPoint) -> list[motor_driven.Run]:
     """Return the simulated windows of all logs."""
-    simulators = [log.simulator for log in point.logs]
-    return [run for x in simulators if isinstance(x, motor_driven.MotorDriven) for run in x.runs]
+    return [log.run for log in point.logs if isinstance(log, motor_driven.MotorDriven)]
 
 
 def simulated_from_motors(identification: Identification, log: Log) -> Log:
@@ -559,7 +559,7 @@ def _noise_of_states(point: LogPoint) -> Array:
     states, and the derivatives by a stiffness have a part that is noise.
     """
     rng, step = np.random.default_rng(0), point.step
-    driven = [log for log in point.logs if isinstance(log.simulator, motor_driven.MotorDriven)]
+    driven = [log for log in point.logs if isinstance(log, motor_driven.MotorDriven)]
     noise = np.zeros((len(point.x), len(point.x)))
     for _ in range(_STATE_DRAWS):
         states = [nuisance_draw(log.residuals, step.stds, rng) for log in driven]
@@ -614,7 +614,8 @@ def _with_tests(layout: Layout, point: LogPoint) -> tuple[Layout, LogPoint]:
     wider = replace(layout, parameters=(*layout.parameters, *terms), tested=tested)
     x = np.append(point.x, np.zeros(len(tested)))
     try:
-        wider_point = point_of(wider, (log.simulator for log in point.logs), x)
+        logs = tuple(replace(log, layout=wider, x=x) for log in point.logs)
+        wider_point = Point(wider.parameters, x, logs)
         _ = wider_point.step
         return wider, wider_point
     except ExcitationError:

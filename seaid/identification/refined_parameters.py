@@ -1,17 +1,18 @@
 """The parameters of a refinement in one vector, its residuals, and the identification they give.
 
 A `Layout` has the parameters x (p,) and the places of each drive and of the load side among them.
-`OutputError` has the residuals of a log about x by one of the simulators: joints that the measured
-motors drive, joints that their controllers drive, or none, for what was measured and is compared
-with the equations. `refined` makes an identification of the values and the covariance of a search.
+`Outputs` has the residuals of a log about x: of joints that the measured motors drive, of joints
+that their controllers drive, or of what was measured and is compared with the equations.
+`identification_at` makes an identification of the values and the covariance of a search.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -259,55 +260,29 @@ def _positive(parameter: Parameter) -> Parameter:
 MotionChange = Callable[[Motion], Motion]
 """Function of a motion that returns it with other inputs."""
 
-Advance = Callable[[Array, float, Array], "Simulator"]
-"""Function of a change (p,) of the parameters, a part of a step, and the whole step (W, s) of the
-states of windows, that returns the simulator there."""
-
-
-class Simulator(Protocol):
-    """The part of a log that is compared with what the parameters predict, and the prediction."""
-
-    def linearised(self, layout: Layout, x: Array) -> tuple[Residuals, Advance]:
-        """Return the residuals linearised at x (p,), and how they go on from there."""
-
-    def changed(self, change: MotionChange) -> Simulator:
-        """Return the simulator with a change of what was logged."""
-
 
 @dataclass(frozen=True, eq=False)
-class OutputError:
-    """The residuals of a log by a simulator at parameters x (p,)."""
+class Outputs(ABC):
+    """The residuals of a part of a log at parameters x (p,), and what predicts its outputs."""
 
     layout: Layout
-    simulator: Simulator
     x: Array
 
-    @cached_property
-    def _linearised(self) -> tuple[Residuals, Advance]:
-        return self.simulator.linearised(self.layout, self.x)
-
     @property
+    @abstractmethod
     def residuals(self) -> Residuals:
         """The residuals at x, linearised."""
-        return self._linearised[0]
 
-    def moved(self, x: Array, part: float, nuisance: Array) -> OutputError:
+    def moved(self, x: Array, part: float, nuisance: Array) -> Self:
         """Return the residuals at parameters x (p,), after a part of a step."""
-        return replace(self, simulator=self._linearised[1](x - self.x, part, nuisance), x=x)
+        return replace(self, x=x)
 
-    def changed(self, known: Robot, change: MotionChange) -> OutputError:
+    def changed(self, known: Robot, change: MotionChange) -> Self:
         """Return the residuals for a robot with other constants, and a change of the log."""
-        layout = self.layout.with_known(known)
-        return replace(self, layout=layout, simulator=self.simulator.changed(change))
+        return replace(self, layout=self.layout.with_known(known))
 
 
-LogPoint = Point[OutputError]
-
-
-def point_of(layout: Layout, simulators: Iterable[Simulator], x: Array) -> LogPoint:
-    """Return the point of a search at parameters x (p,), with the residuals of all simulators."""
-    logs = tuple(OutputError(layout, simulator, x) for simulator in simulators)
-    return Point(layout.parameters, x, logs)
+LogPoint = Point[Outputs]
 
 
 def block_means(

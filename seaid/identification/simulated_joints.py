@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ from seaid._arrays import Array
 from seaid.drives import Drive
 from seaid.drives.drives import groups_of
 from seaid.errors import IdentificationError, listed
-from seaid.estimation.nonlinear_least_squares import Residuals
+from seaid.estimation.nonlinear_least_squares import Point, Residuals
 from seaid.identification import refined_parameters
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.log import Log, Motion, low_pass, reconstruct_motion
@@ -173,17 +174,20 @@ sensitivity: this times the inertia over the step."""
 
 
 @dataclass(frozen=True, eq=False)
-class CommandDriven:
-    """A window of a log on regular samples; the rollouts of its commands replace its `motion`."""
+class CommandDriven(refined_parameters.Outputs):
+    """A window of a log on regular samples; the rollouts of its commands replace its `motion`.
+
+    Commands are inputs that have no scale.
+    """
 
     log: Log
     motion: Motion
 
-    def linearised(
-        self, layout: refined_parameters.Layout, x: Array
-    ) -> tuple[Residuals, refined_parameters.Advance]:
-        """Return the residuals of the joint positions at x (p,); each rollout starts anew."""
-        robot, log = layout.robot_at(x), self.log
+    @cached_property
+    def residuals(self) -> Residuals:
+        """The residuals of the joint positions; each rollout starts anew."""
+        layout, x, log = self.layout, self.x, self.log
+        robot = layout.robot_at(x)
         moved = rollout(robot, log, longest_closed_s=STEP_S)
         if not np.all(np.isfinite(moved.joint_position)):
             raise IdentificationError("the simulation diverges")
@@ -197,30 +201,26 @@ class CommandDriven:
         block = max(1, round(_BLOCK_S * (len(log.time) - 1) / float(np.ptp(log.time))))
         rows = refined_parameters.block_means(columns, unknown, log.time, 1, block, 0)
         late = rows.time - log.time[0] > min(_transient_s(robot), 0.25 * np.ptp(log.time))
-        return replace(rows, kept=rows.kept & late[..., None]), lambda *_: self
-
-    def changed(self, change: refined_parameters.MotionChange) -> CommandDriven:
-        """Return the simulator itself, as commands are inputs that have no scale."""
-        return self
+        return replace(rows, kept=rows.kept & late[..., None])
 
 
 def commanded_point(start: Identification, logs: Sequence[Log]) -> refined_parameters.LogPoint:
     """Return the point of a search at the values of an identification."""
     layout = refined_parameters.layout_of(start, 0.0)
-    windows = []
+    windows: list[refined_parameters.Outputs] = []
     for log in logs:
         for stretch in stretches(usable(log), 1.0):
             count = max(1, int(np.ceil((stretch.time[-1] - stretch.time[0]) / _WINDOW_S)))
             edges = np.linspace(stretch.time[0], stretch.time[-1], count + 1)
-            windows += [_window(start, stretch.between(a, b)) for a, b in pairwise(edges)]
-    return refined_parameters.point_of(layout, windows, layout.start)
+            windows += [_window(layout, stretch.between(a, b)) for a, b in pairwise(edges)]
+    return Point(layout.parameters, layout.start, tuple(windows))
 
 
-def _window(identification: Identification, log: Log) -> CommandDriven:
+def _window(layout: refined_parameters.Layout, log: Log) -> CommandDriven:
     """Return a window on regular samples, with the motion that its rollouts replace."""
-    robot = identification.known
+    robot, cutoff_hz = layout.identification.known, layout.identification.cutoff_hz
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    motion = reconstruct_motion(robot, log, min(3 * identification.cutoff_hz, rate_hz / 8))
+    motion = reconstruct_motion(robot, log, min(3 * cutoff_hz, rate_hz / 8))
     columns = [log.joint_names.index(joint) for joint in robot.joint_names]
 
     def sampled(values: Array) -> Array:
@@ -238,7 +238,7 @@ def _window(identification: Identification, log: Log) -> CommandDriven:
         is_prismatic=robot.is_prismatic,
         **sent,
     )
-    return CommandDriven(regular, motion)
+    return CommandDriven(layout, layout.start, regular, motion)
 
 
 def _transient_s(robot: Robot) -> float:

@@ -185,7 +185,7 @@ def test_sensitivities_are_those_of_differences(zero_std: float, unseen: tuple[s
     layout = layout_of(found(truth), zero_std, unseen)
     (first,) = runs_of(layout, log(truth).between(0.0, 1.5))
     run = settled(layout, first, layout.start)
-    here = MotorDriven([run]).linearised(layout, layout.start)[0]
+    here = MotorDriven(layout, layout.start, run).residuals
     assert here.channels == range(3 if unseen else 2)
     scale = np.maximum(np.abs(layout.start[: layout.zeros.start]), 1e-3)
     scale = np.append(scale, np.full(len(layout.start) - len(scale), 0.1))
@@ -194,7 +194,7 @@ def test_sensitivities_are_those_of_differences(zero_std: float, unseen: tuple[s
         change[column] = size
         x = layout.start + change
         moved = settled(layout, shifted(layout, run, change), x)
-        there = MotorDriven([moved]).linearised(layout, x)[0]
+        there = MotorDriven(layout, x, moved).residuals
         difference = (there.residual - here.residual) / size
         expected = here.jacobian[..., column]
         for channel in range(expected.shape[2]):
@@ -209,13 +209,13 @@ def test_samples_over_a_gap_are_not_residuals() -> None:
     kept = (whole.time < 2.0) | (whole.time > 2.05)
     layout = layout_of(found(), 0.0)
     (run,) = runs_of(layout, whole.at(kept))
-    residuals, _ = MotorDriven([run]).linearised(layout, layout.start)
+    residuals = MotorDriven(layout, layout.start, run).residuals
     half = 0.5 * run.block / run.motion.rate_hz
     over = (residuals.time > 2.0 - half) & (residuals.time < 2.05 + half)
     assert np.any(over)
     assert not np.any(residuals.kept[over])
     (run,) = runs_of(layout, whole)
-    assert np.all(MotorDriven([run]).linearised(layout, layout.start)[0].kept[..., :2])
+    assert np.all(MotorDriven(layout, layout.start, run).residuals.kept[..., :2])
 
 
 def shifted(layout: Layout, run: Run, change: Array) -> Run:
@@ -229,11 +229,8 @@ def shifted(layout: Layout, run: Run, change: Array) -> Run:
 def settled(layout: Layout, run: Run, x: Array) -> Run:
     """Return a run whose simulated joint obeys (8), from the same initial states."""
     for _ in range(3):
-        _, advance = MotorDriven([run]).linearised(layout, x)
         states = np.zeros((run.windows, 2 * len(layout.simulated)))
-        moved = advance(np.zeros_like(x), 1.0, states)
-        assert isinstance(moved, MotorDriven)
-        (run,) = moved.runs
+        run = MotorDriven(layout, x, run).moved(x, 1.0, states).run
     return run
 
 
