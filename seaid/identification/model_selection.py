@@ -90,8 +90,6 @@ class TermSelection(Result):
     ----------
     comparisons : tuple of TermComparison
         All terms compared.
-    recommended : mapping {joint: ((field, term), ...)}
-        The terms that the data support.
     robot : Robot
         The robot with the recommended terms and start values of nonlinear ones, to be identified.
     """
@@ -99,8 +97,16 @@ class TermSelection(Result):
     table_name = "terms_table"
 
     comparisons: tuple[TermComparison, ...]
-    recommended: Mapping[str, tuple[tuple[str, str], ...]]
     robot: Robot
+
+    @property
+    def recommended(self) -> Mapping[str, tuple[tuple[str, str], ...]]:
+        """The terms that the data support, {joint: ((field, term), ...)}."""
+        terms = dict[str, tuple[tuple[str, str], ...]]()
+        for x in self.comparisons:
+            if x.selected:
+                terms[x.joint] = (*terms.get(x.joint, ()), (x.field, x.term))
+        return FrozenMapping(terms)
 
     def _in_short(self) -> str:
         terms = [f"{joint} {term}" for joint, of in self.recommended.items() for _, term in of]
@@ -164,22 +170,7 @@ def compare_terms(
         model = _extended(model, joint, asked[joint], count, comparisons)
         if cutoff_hz is None:
             model = _with_backlash(model, joint, asked[joint], logs, finer, count, comparisons)
-    return TermSelection(
-        comparisons=tuple(comparisons),
-        recommended=_recommended(robot, comparisons),
-        robot=_with_known_of(robot, model.robot),
-    )
-
-
-def _recommended(
-    robot: Robot, comparisons: Iterable[TermComparison]
-) -> Mapping[str, tuple[tuple[str, str], ...]]:
-    """Return the selected terms of joints that have some."""
-    terms: dict[str, tuple[tuple[str, str], ...]] = dict.fromkeys(robot.joint_names, ())
-    for term in comparisons:
-        if term.selected:
-            terms[term.joint] += ((term.field, term.term),)
-    return FrozenMapping({joint: selected for joint, selected in terms.items() if selected})
+    return TermSelection(tuple(comparisons), _with_known_of(robot, model.robot))
 
 
 def _with_known_of(robot: Robot, searched: Robot) -> Robot:
@@ -266,13 +257,8 @@ def _extended(
     """
     for step in range(_MOST_STEPS):
         terms = _compared_terms(model, joint, asked, count, step)
-        best = best_of(
-            {
-                term: term.comparison
-                for term in terms
-                if term.comparison is not None and term.is_supported
-            }
-        )
+        supported = {x: x.comparison for x in terms if x.comparison is not None and x.is_supported}
+        best = best_of(supported)
         if best is not None:
             try:
                 model = model.with_term(best)

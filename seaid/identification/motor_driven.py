@@ -438,11 +438,10 @@ def with_encoder_noise(
     """Return a measured motion whose joint positions have the noise of both encoders once more."""
     noise = np.zeros_like(motion.joint_position)
     for index, joint in enumerate(robot.joint_names):
-        at_joint = 1 / total_ratio(robot.drives[joint])
-        noise[:, index] = max(
-            np.hypot(*(white_noise(x[:, index]) for x in (at_joint * y, z)))
-            for y, z in ((log.motor_position, log.joint_position) for log in logs)
-        )
+        ratio = total_ratio(robot.drives[joint])
+        sensors = ((x.motor_position / ratio, x.joint_position) for x in logs)
+        stds = [[white_noise(sensor[:, index]) for sensor in pair] for pair in sensors]
+        noise[:, index] = np.max(np.linalg.norm(stds, axis=1))
     noise = noise * rng.normal(size=noise.shape)
     noise = low_pass(noise, motion.rate_hz, POSITION_BAND * motion.cutoff_hz)
     return replace(motion, joint_position=motion.joint_position + noise)

@@ -556,8 +556,8 @@ def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
     return float(np.linalg.norm(new - old) / max(float(np.linalg.norm(new)), 1e-300))
 
 
-def _check_whole_warm_up(robot: Robot, datasets: Sequence[Dataset]) -> None:
-    """Raise IdentificationError for a warm-up that is searched in a log read in pieces."""
+def _check_whole(robot: Robot, datasets: Sequence[Dataset], used: Sequence[str]) -> None:
+    """Raise IdentificationError for what is searched in a whole log, if one is read in pieces."""
     if all(isinstance(dataset, Motion) for dataset in datasets):
         return
     for joint, drive in robot.drives.items():
@@ -567,6 +567,11 @@ def _check_whole_warm_up(robot: Robot, datasets: Sequence[Dataset]) -> None:
                 "one is read in pieces: read it with read_log, or give warm_up_time_s and "
                 'known = ["warm_up_time"] in the drives file'
             )
+    if regression.under_load(robot, used):
+        raise IdentificationError(
+            "load-dependent friction of a stiff drive needs the log in memory: read it with "
+            "read_log"
+        )
 
 
 def linearised_robot(
@@ -578,14 +583,7 @@ def linearised_robot(
     in pieces the first piece is searched. Raises IdentificationError for load-dependent friction of
     a stiff drive in such a log, and for an unknown warm-up time.
     """
-    _check_whole_warm_up(robot, datasets)
+    _check_whole(robot, datasets, used)
     motions = [first_motion(dataset) for dataset in datasets]
     robot, known = with_gear_torques(linearised(robot, motions), motions, used)
-    if not regression.under_load(robot, used):
-        return robot, list(datasets)
-    if not all(isinstance(dataset, Motion) for dataset in datasets):
-        raise IdentificationError(
-            "load-dependent friction of a stiff drive needs the log in memory: read it with "
-            "read_log"
-        )
-    return robot, [*known]
+    return robot, [*known] if regression.under_load(robot, used) else list(datasets)
