@@ -49,8 +49,9 @@ _TRIED_RATIOS = np.geomspace(0.3, 4.0, 14)
 apparent one of the motor. Far below the band, the joint angle is a multiple of the torque, and
 anything fits."""
 
-_WEIGHTINGS, _FACTORS = 3, (0.6, 0.8, 1.25, 1.6)
-"""Regressions of joints by their errors; changes of one compliance at a time."""
+_SWEEPS, _WEIGHTINGS, _FACTORS = 3, 3, (0.6, 0.8, 1.25, 1.6)
+"""Regressions at a compliance, for its friction, and of joints by their errors; then changes of one
+compliance at a time."""
 
 SAMPLES = 8
 """Samples per period of an oscillation that a log shows."""
@@ -176,12 +177,12 @@ class UnseenLoads:
     torque: Array
     friction: Array
 
-    def moved(self, compliance: Array) -> Motion:
+    def moved(self, compliance: Array, friction: Array) -> Motion:
         """Return the motion with the joint positions of (7) and (4b), below twice the band."""
         motion, q = self.motion, self.motion.joint_position.copy()
         # (4b): q = theta_M / N_t - c tau_L with c = 1 / (k r_L^2); the positions are rigid so far,
         # q = theta_M / N_t.
-        q[:, self.joints] -= compliance * self.torque
+        q[:, self.joints] -= compliance * (self.torque - self.friction @ friction)
         q = low_pass(q, motion.rate_hz, 2 * motion.cutoff_hz)
         states = spline_derivatives(motion.time, q[:, self.joints])
         return with_joints(motion, self.joints, states)
@@ -212,7 +213,7 @@ def _unseen_loads(robot: Robot, motion: Motion, joints: Sequence[str]) -> Unseen
 class MotorRegression:
     """The regression of the motor torques of some joints, which is linear but for the compliances.
 
-    At given compliances (7) without friction and (4b) give the joint positions, and (7) in (8) is
+    At given compliances and friction (7) and (4b) give the joint positions, and (7) in (8) is
     linear in the parameters of bodies and friction. The search is over the compliances alone.
     """
 
@@ -229,32 +230,41 @@ class MotorRegression:
         # w_a = sqrt(1 / (c J)), so that c = 1 / (J w_a^2).
         inertia = np.sqrt(np.mean(torque**2, axis=0) / np.mean(np.concatenate(motion) ** 2, axis=0))
         tried = [1 / (inertia * (2 * np.pi * band_hz * part) ** 2) for part in _TRIED_RATIOS]
-        best: Array = min(tried, key=self.misfit)
+        best: Array = min(tried, key=lambda compliance: self.fit(compliance)[0])
         for changed in [*np.eye(len(self.joints), dtype=bool)] * 2:
             near = [best * np.where(changed, factor, 1.0) for factor in (1.0, *_FACTORS)]
-            best = min(near, key=self.misfit)
+            best = min(near, key=lambda compliance: self.fit(compliance)[0])
         return best
 
-    def misfit(self, compliance: Array) -> float:
-        """Return the misfit at compliances (joints,): the mean log of rms error over torque."""
-        return _misfit(np.concatenate([self._rows(load, compliance) for load in self.loads]))
+    def fit(self, compliance: Array) -> tuple[float, Array]:
+        """Return the misfit at compliances (joints,), and the friction there.
 
-    def _rows(self, load: UnseenLoads, compliance: Array) -> Array:
+        The misfit is the mean log of the rms error over that of the torque.
+        """
+        friction = np.zeros(self.loads[0].friction.shape[2])
+        for _ in range(_SWEEPS):
+            rows = np.concatenate([self._rows(load, compliance, friction) for load in self.loads])
+            misfit, x = _weighted_fit(rows)
+            # Not x[-f:], which is all of x for f = 0.
+            friction = x[len(x) - len(friction) :]
+        return misfit, friction
+
+    def _rows(self, load: UnseenLoads, compliance: Array, friction: Array) -> Array:
         """Return the rows [columns of bodies and friction, torque] at the moved joints."""
-        robot, motion = self.robot, load.moved(compliance)
+        robot, motion = self.robot, load.moved(compliance, friction)
         # the torques of the springs are those that (7) leaves of the motors'
         springs = {x: np.zeros(len(spring_regressor(robot, x).names)) for x in self.joints}
         rows = [self.model.torque_joints.index(joint) for joint in self.joints]
         columns = load_columns(robot, motion, self.model, springs)
-        of_friction = np.zeros((*columns.torque.shape, load.friction.shape[2]))
+        of_friction = np.zeros((*columns.torque.shape, len(friction)))
         columns.torque[:, rows], of_friction[:, rows] = load.torque, load.friction
         y = (columns.torque - columns.payload)[:, :, None]
         whole = np.concatenate([columns.H, of_friction, y], axis=2)
         return in_band_at(motion, whole, row_samples(motion))
 
 
-def _misfit(rows: Array) -> float:
-    """Return the misfit of a regression by rows (T, joints, [columns, y]).
+def _weighted_fit(rows: Array) -> tuple[float, Array]:
+    """Return the misfit of a regression by rows (T, joints, [columns, y]), and its parameters.
 
     Joints are weighted by their errors.
     """
@@ -266,7 +276,7 @@ def _misfit(rows: Array) -> float:
         residual = y - rows[:, :, :-1] @ x
         error = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), LEAST_STD)
     # As in the likelihood of joints with noise levels of their own: all joints count alike.
-    return float(np.mean(np.log(error / size)))
+    return float(np.mean(np.log(error / size))), x
 
 
 Tried = TypeVar("Tried")
@@ -320,11 +330,10 @@ def _start_by_regression(
     model = load_model_of(robot, motions, used)
     regression = MotorRegression(robot, joints, every, model)
     compliance = regression.best_compliance(band_hz)
-    moved = [[load.moved(compliance) for load in group] for group in loads]
-    pairs = zip(rigid, moved, strict=True)
-    return regression.misfit(compliance), [
-        with_angles(robot, log, parts, joints) for log, parts in pairs
-    ]
+    misfit, friction = regression.fit(compliance)
+    moved = [[load.moved(compliance, friction) for load in group] for group in loads]
+    starts = [with_angles(robot, *pair, joints) for pair in zip(rigid, moved, strict=True)]
+    return misfit, starts
 
 
 def with_regressed_angles(
