@@ -238,7 +238,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
         drive, by_name = robot.drives[joint], signals(robot, motion, index)
         moving, nothing = rows[~standstill(motion, index)[rows]], np.zeros(len(motion.time))
         force, against = sensed_torque(robot, motion, index), "the motion"
-        has_motor, has_sensor = (bool(np.all(np.isfinite(x))) for x in (by_name["tau_M"], force))
+        has_motor, has_sensor = np.all(np.isfinite([by_name["tau_M"], force]), axis=1)
         regressor = motor_regressor(robot, joint)
         if has_motor or (has_sensor and not drive.is_elastic):
             zeta, columns = regressor.evaluate(by_name)

@@ -340,11 +340,9 @@ def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[st
             positions = [x["theta_M"] for x in by_motion]
             if field == "spring":
                 positions = [deflection(drive, x["theta_M"], x["theta_L"]) for x in by_motion]
-            # Fall below the running maximum and rise above the running minimum: a motion in one
-            # direction has only one of them, so that the smaller is the return.
-            falls = [float(np.max(np.maximum.accumulate(x) - x)) for x in positions]
-            rises = [float(np.max(x - np.minimum.accumulate(x))) for x in positions]
-            returned, moved = max(map(min, falls, rises)), max(1e-12, *falls, *rises)
+            turns = list(map(_fall_and_rise, positions))
+            # A motion in one direction has only one of them, so that the smaller is the return.
+            returned, moved = max(map(min, turns)), max(1e-12, *map(max, turns))
             if returned < _LEAST_RETURN * moved:
                 raise IdentificationError(
                     f"joint '{joint}': its {field} has hysteresis ('dahl'), and the {what} never "
@@ -353,6 +351,12 @@ def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[st
                     f"by more than {_LEAST_RETURN * moved:.2g} {unit} and many times the "
                     f"width of the law, such as one of design_excitation, or remove 'dahl'"
                 )
+
+
+def _fall_and_rise(x: Array) -> tuple[float, float]:
+    """Return the fall below the running maximum, and the rise above the running minimum."""
+    fall, rise = np.maximum.accumulate(x) - x, x - np.minimum.accumulate(x)
+    return float(np.max(fall)), float(np.max(rise))
 
 
 def _check_warm_up(robot: Robot, motions: Sequence[Motion], joints: Sequence[str]) -> None:

@@ -323,17 +323,20 @@ def _start_by_regression(
     grouped = [reconstruct_motions(robot, log, band_hz) for log in rigid]
     loads = [[_unseen_loads(robot, motion, joints) for motion in group] for group in grouped]
     every = list(chain(*loads))
-    motions = [load.motion for load in every]
-    # The torques of these joints, and of the stiff ones that have one.
-    sensed = joints_with_torque(robot, motions)
-    used = [joint for joint in sensed if joint in joints or joint not in robot.elastic_joints]
-    model = load_model_of(robot, motions, used)
+    model = _model_of_torques(robot, [load.motion for load in every], joints)
     regression = MotorRegression(robot, joints, every, model)
     compliance = regression.best_compliance(band_hz)
     misfit, friction = regression.fit(compliance)
     moved = [[load.moved(compliance, friction) for load in group] for group in loads]
     starts = [with_angles(robot, *pair, joints) for pair in zip(rigid, moved, strict=True)]
     return misfit, starts
+
+
+def _model_of_torques(robot: Robot, motions: list[Motion], joints: Sequence[str]) -> LoadModel:
+    """Return the columns of the torques of some joints, and of the stiff ones that have one."""
+    sensed = joints_with_torque(robot, motions)
+    used = [joint for joint in sensed if joint in joints or joint not in robot.elastic_joints]
+    return load_model_of(robot, motions, used)
 
 
 def with_regressed_angles(
