@@ -194,13 +194,21 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
         values["spring_damping"] = 0.0
     for symbol in sorted(flat.free_symbols & set(PARAMETER_NAMES), key=str):
         name = PARAMETER_NAMES[symbol]
-        if name not in values:
-            raise RobotError(
-                f"'{key_of(name, unit_of(drive, name))}' is not given; a simulation needs a "
-                "nominal value"
-            )
+        _check_given(drive, name, values)
     numeric = flat.subs({symbol_of(name): value for name, value in values.items()})
     return numeric.replace(lambda e: isinstance(e, Dahl), _state_of)
+
+
+def simulated_value(drive: Drive, name: str) -> float:
+    """Return a value of a drive. Raises RobotError naming its key if it is not given."""
+    _check_given(drive, name, drive.values)
+    return drive.values[name]
+
+
+def _check_given(drive: Drive, name: str, values: Mapping[str, float]) -> None:
+    if name not in values:
+        key = key_of(name, unit_of(drive, name))
+        raise RobotError(f"'{key}' is not given; a simulation needs a nominal value")
 
 
 def _state_of(law: Dahl) -> sp.Symbol:

@@ -50,10 +50,11 @@ class Criterion:
     needs_nominal: bool = False
 
 
-def triangular_factor(H: Array, previous: Array) -> Array:
-    """Return R (p, p) with R^T R = H^T H + P^T P for the factor P of `previous` rows."""
+def triangular_factor(H: Array, previous: Array | None = None) -> Array:
+    """Return R (p, p) with R^T R = H^T H + P^T P for the factor P of `previous` rows, if any."""
     # H = Q R: factors are added by stacking, and H^T H would square the condition number
-    return np.asarray(np.linalg.qr(np.vstack([previous, H]), mode="r"))
+    rows = H if previous is None else np.vstack([previous, H])
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def singular_values(R: Array) -> Array:
@@ -72,7 +73,7 @@ def scaled_condition_and_d_value(H: Array) -> tuple[float, float]:
     norms = np.linalg.norm(H, axis=0)
     if not np.all(norms > 0):
         return np.inf, 0.0
-    values = singular_values(triangular_factor(H / norms, np.empty((0, H.shape[1]))))
+    values = singular_values(triangular_factor(H / norms))
     if values[-1] <= values[0] / _WORST:
         return np.inf, 0.0
     return float(values[0] / values[-1]), float(np.exp(np.mean(np.log(values) + np.log(norms))))

@@ -154,13 +154,15 @@ def _measures(
     base: BaseParameters,
     top_speed: Array,
 ) -> ExcitationMeasures:
-    parts, has_drives = list(_sampled(robot, motion)), True
+    parts = list(_sampled(robot, motion))
+
+    def stacked(target: Target) -> Array:
+        return np.vstack([stacked_regressor(target, *part) for part in parts])
+
     try:
-        target = drive_target(robot, torque_joints, base, top_speed)
-        H = np.vstack([stacked_regressor(target, *part) for part in parts])
+        H, has_drives = stacked(drive_target(robot, torque_joints, base, top_speed)), True
     except SeaidError:  # nominal values are missing
-        target, has_drives = load_target(robot, torque_joints, base), False
-        H = np.vstack([stacked_regressor(target, *part) for part in parts])
+        H, has_drives = stacked(load_target(robot, torque_joints, base)), False
     return _measures_of(H, sum(float(time[-1] - time[0]) for time, _ in parts), has_drives)
 
 
@@ -393,7 +395,13 @@ def design_excitation(
     outcome, best_start = search(
         problem, starts, iterations, seed, executor=executor, progress=progress
     )
-    _warn_if_early(outcome, problem.measure.meaning)
+    if outcome.early:
+        warnings.warn(
+            f"the search for an excitation ended early: {outcome.early}; the motion keeps all "
+            f"limits, its {problem.measure.meaning} is {np.exp(outcome.value):.4g}",
+            SeaidWarning,
+            stacklevel=3,
+        )
     return _excitation(cold, problem, outcome, best_start, base, bounds)
 
 
@@ -464,8 +472,7 @@ def _multisine_excitation(
     space = MotionSpace(motion.basis, motion.coefficients, bounds.half_range, free)
     instants = _samples(target, motion.basis.size, None)
     problem = make_problem(target, "condition_number", space, instants, bounds, drives, None)
-    nothing = np.zeros(0)
-    return _excitation(robot, problem, Outcome(0.0, nothing), nothing, base, bounds)
+    return _excitation(robot, problem, Outcome(0.0, nothing := np.zeros(0)), nothing, base, bounds)
 
 
 def _standing_space(model: StandingRobot, basis: Basis) -> MotionSpace:
@@ -504,13 +511,3 @@ def _samples(target: Target, size: int, samples: int | None) -> int:
             f"give at least {needed}"
         )
     return int(samples)
-
-
-def _warn_if_early(outcome: Outcome, meaning: str) -> None:
-    if outcome.early:
-        warnings.warn(
-            f"the search for an excitation ended early: {outcome.early}; the motion keeps all "
-            f"limits, its {meaning} is {np.exp(outcome.value):.4g}",
-            SeaidWarning,
-            stacklevel=4,
-        )

@@ -86,16 +86,16 @@ class Target:
     robot: Robot
     rows: tuple[int, ...]
     base_columns: tuple[int, ...]
-    blocks: tuple[DriveBlock, ...]
     names: tuple[str, ...]
     units: tuple[str, ...]
     drives: Transmission
-    parallel: ParallelElements
-    needs_load: bool
     at_drives: Array
     row_weights: Array
     column_scale: Array
-    previous_factor: Array
+    blocks: tuple[DriveBlock, ...] = ()
+    parallel: ParallelElements = ()
+    needs_load: bool = False
+    previous_factor: Array | None = None
 
     @property
     def description(self) -> str:
@@ -119,22 +119,17 @@ def load_target(
             "torque_joints=",
         )
     bare = replace(robot.with_values(np.zeros(robot.parameters.size), robot.drives), drives={})
-    p = len(base.columns)
     known = tuple(map(robot.index, robot.selected(torque_joints)))
     return Target(
         robot=bare,
         rows=known,
         base_columns=base.columns,
-        blocks=(),
         names=base.expressions,
         units=tuple(UNITS[column % 10] for column in base.columns),
         drives=rigid_transmission(bare),
-        parallel=(),
-        needs_load=False,
         at_drives=np.eye(len(known)),
         row_weights=np.ones(len(known)),
-        column_scale=np.ones(p),
-        previous_factor=np.empty((0, p)),
+        column_scale=np.ones(len(base.columns)),
     )
 
 
@@ -180,7 +175,6 @@ def drive_target(
         at_drives=torque_map(robot)[np.ix_(plain.rows, plain.rows)],
         row_weights=np.ones(len(known) + len(robot.elastic_joints)),
         column_scale=np.ones(len(names)),
-        previous_factor=np.empty((0, len(names))),
     )
 
 

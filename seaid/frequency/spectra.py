@@ -347,30 +347,26 @@ def _at_lines(wanted: Array, hz: Array, values: Array) -> Array:
 def _by_segments(
     records: Sequence[Record], picked: Sequence[int], spectra: Spectra
 ) -> Approximation:
-    """Return the response by the averaged cross-spectra of segments of all logs (Welch)."""
-    n, sums = len(picked), []
+    """Return the response by the spectra of segments of all logs, which overlap by half (Welch)."""
+    parts = []
     for record in records:
-        fields = [getattr(record, name)[0][:, picked] for name in ("torque", "motor")]
-        signals = np.nan_to_num(np.concatenate(fields, axis=1).T)
-        # _SEGMENTS segments that overlap by half.
+        signals = np.nan_to_num(np.stack([record.torque[0], record.motor[0]])[..., picked])
         length = 2 * signals.shape[1] // (_SEGMENTS + 1)
-        hz, cross = scipy.signal.csd(
-            signals[:, None], signals[None], 1 / record.step_s, nperseg=length, detrend="linear"
+        hz, _, lines = scipy.signal.spectrogram(
+            *(signals, 1 / record.step_s, "hann", length, length // 2),
+            **{"detrend": "linear", "mode": "complex", "axis": 1},
         )
-        sums.append(cross)
-    # csd(x, y) is the mean of conj(X) Y: S_uu G^T = S_uy, and G S_yu^T is the explained power.
-    S = np.moveaxis(np.sum(sums, axis=0), -1, 0)
+        parts.append(lines)
     kept = (hz >= spectra.hz[0]) & (hz <= spectra.hz[-1]) & (hz > 0)
-    S = S[kept]
-    u, y = slice(n), slice(n, 2 * n)
-    G = np.swapaxes(_safely(np.linalg.solve, S[:, u, u], S[:, u, y]), 1, 2)
-    power = np.real(np.einsum("fii->fi", S[:, y, y]))
-    explained = np.real(np.einsum("fij,fij->fi", G, S[:, y, u]))
-    coherence = np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
+    # (2, L, n, K) of each log -> (2, K, L, n) of all segments
+    U, Y = np.moveaxis(np.concatenate(parts, axis=-1)[:, kept], -1, 1)
+    G, gram = _responses(U, Y, few=False)
+    unexplained = np.sum(np.abs(Y - np.einsum("fij,efj->efi", G, U)) ** 2, axis=0)
+    power = np.sum(np.abs(Y) ** 2, axis=0)
     # Hann windows that overlap by half correlate by 1/6, which leaves 0.95 of the averages: of K
     # segments K / (1 + 2 (1 - 1/K) / 6^2) count (Welch 1967).
     averages = len(records) * _SEGMENTS / (1 + 2 * (1 - 1 / _SEGMENTS) / 6**2)
-    inverse = np.real(np.einsum("fii->fi", _safely(np.linalg.inv, S[:, u, u])))
-    unexplained = power * (1 - coherence) / max(averages - n, 1.0)
-    total_std = np.sqrt(unexplained[:, :, None] * inverse[:, None, :])
+    variance = unexplained / max(averages - len(picked), 1.0)
+    total_std = np.sqrt(variance[:, :, None] * gram[:, None, :])
+    coherence = np.clip(1 - unexplained / np.maximum(power, 1e-300), 0.0, 1.0)
     return Approximation(hz[kept], G, np.nan * total_std, total_std, coherence)

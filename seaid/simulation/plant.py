@@ -18,7 +18,7 @@ from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import PARAMETERS_OF, Drive
 from seaid.drives.angle_ratio import Ratios
 from seaid.drives.equations import extra_torque
-from seaid.drives.functions import DriveFunctions, drive_functions, is_plain
+from seaid.drives.functions import DriveFunctions, drive_functions, is_plain, simulated_value
 from seaid.drives.terms import BY_TEMPERATURE, WARM_UP
 from seaid.errors import RobotError
 from seaid.log import Motion
@@ -268,10 +268,16 @@ def plant_of(robot: Robot) -> Plant:
     order = robot.joint_order
     names = [robot.joint_names[index] for index in order]
     drives = [robot.drives[name] for name in names]
-    by_drive = list(map(_numbers, names, drives))
+    by_drive, functions = [], []
+    for index, (name, drive) in enumerate(zip(names, drives, strict=True)):
+        try:
+            by_drive.append(_numbers(drive))
+            if not is_plain(drive):
+                functions.append((index, drive_functions(drive)))
+        except RobotError as problem:
+            raise problem.at(f"joint '{name}'") from None
     numbers = {name: np.array([each[name] for each in by_drive]) for name in by_drive[0]}
     elastic = numbers["elastic"]
-    functions = _drive_functions(names, drives)
     # C is in the order of the robot; the plant has that of the model on both sides
     C = robot.transmission[np.ix_(order, order)]
     is_coupled = bool(coupled_groups(robot.transmission))
@@ -288,7 +294,7 @@ def plant_of(robot: Robot) -> Plant:
         model=model,
         drives=tuple(drives),
         **numbers,
-        functions=functions,
+        functions=tuple(functions),
         longest_step=np.inf,
         coupling=C if is_coupled else None,
         ratios=ratios,
@@ -298,54 +304,28 @@ def plant_of(robot: Robot) -> Plant:
     return replace(plant, longest_step=_longest_step(names, plant))
 
 
-def _numbers(joint: str, drive: Drive) -> dict[str, float]:
-    """Return the numbers of a drive by the fields of `Plant`."""
-    terms = drive.friction if is_plain(drive) else ()
-    viscous, coulomb = "viscous_friction_Nms_per_rad", "coulomb_friction_Nm"
+_PLAIN = {"viscous": "viscous_friction", "coulomb": "coulomb_friction", "linear": "stiffness"}
+"""{term of a plain drive: its parameter}."""
+
+
+def _numbers(drive: Drive) -> dict[str, float]:
+    """Return the numbers of a drive by the fields of `Plant`. Raises RobotError without one."""
+    motor_inertia = simulated_value(drive, "motor_inertia")
+    if motor_inertia == 0 and drive.is_elastic:
+        raise RobotError("an elastic drive needs a motor inertia to be simulated")
+    # Other drives have functions for friction and spring.
+    terms = [*drive.friction, *drive.spring] if is_plain(drive) else []
+    values = {term: simulated_value(drive, _PLAIN[term]) for term in terms}
     return {
         "elastic": drive.is_elastic,
         "ratio": drive.ratio,
-        "motor_inertia": _motor_inertia(joint, drive),
-        "viscous": _nominal(joint, drive, viscous) if "viscous" in terms else 0.0,
-        "coulomb": _nominal(joint, drive, coulomb) if "coulomb" in terms else 0.0,
+        "motor_inertia": motor_inertia,
+        "viscous": values.get("viscous", 0.0),
+        "coulomb": values.get("coulomb", 0.0),
         "motor_radius": drive.motor_radius,
         "load_radius": drive.load_radius,
-        "stiffness": _stiffness(joint, drive) if is_plain(drive) and drive.is_elastic else 0.0,
+        "stiffness": values.get("linear", 0.0),
     }
-
-
-def _stiffness(joint: str, drive: Drive) -> float:
-    _nominal(joint, drive, "stiffness")
-    return drive.values["stiffness"]  # between the encoders
-
-
-def _motor_inertia(joint: str, drive: Drive) -> float:
-    inertia = _nominal(joint, drive, "motor_inertia_kg_m2")
-    if inertia == 0 and drive.is_elastic:
-        raise RobotError(f"joint '{joint}': an elastic drive needs a motor inertia to be simulated")
-    return inertia
-
-
-def _nominal(joint: str, drive: Drive, name: str) -> float:
-    value = getattr(drive, name)
-    if value is None:
-        raise RobotError(
-            f"joint '{joint}': '{name}' is not given; a simulation needs a nominal value"
-        )
-    return float(value)
-
-
-def _drive_functions(
-    names: list[str], drives: list[Drive]
-) -> tuple[tuple[int, DriveFunctions], ...]:
-    functions = []
-    for index, (name, drive) in enumerate(zip(names, drives, strict=True)):
-        if not is_plain(drive):
-            try:
-                functions.append((index, drive_functions(drive)))
-            except RobotError as problem:
-                raise problem.at(f"joint '{name}'") from None
-    return tuple(functions)
 
 
 def _longest_step(names: Sequence[str], plant: Plant) -> float:

@@ -360,24 +360,19 @@ class ReplayComparison(Result):
 
         Joints of two units, rad and m, have no mean: it is None.
         """
-        means, rms = self.mean_absolute_errors, self.rms_errors
+        errors = {"mean_absolute_error": self.mean_absolute_errors, "rms_error": self.rms_errors}
         by_joint = {
             joint: {
                 "unit": "m" if self.is_prismatic[index] else "rad",
                 "noise": float(self.noise[index]),
-                **{
-                    when: {
-                        "mean_absolute_error": float(means[place][index]),
-                        "rms_error": float(rms[place][index]),
-                    }
-                    for place, when in enumerate(("before", "after"))
-                },
+                "before": {name: float(error[0][index]) for name, error in errors.items()},
+                "after": {name: float(error[1][index]) for name, error in errors.items()},
             }
             for index, joint in enumerate(self.joints)
         }
         means_by_unit = [*self.mean_errors.values()]
-        mean = means_by_unit[0][:2] if len(means_by_unit) == 1 else (None, None)
-        whole = dict(zip(("before", "after"), mean, strict=True))
+        mean = means_by_unit[0] if len(means_by_unit) == 1 else (None, None)
+        whole = {"before": mean[0], "after": mean[1]}
         return {"joints": by_joint, "mean_absolute_error": whole}
 
 
