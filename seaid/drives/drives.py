@@ -8,10 +8,10 @@ serve only simulation, planning and as initial values of an identification.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from dataclasses import field as entry
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from itertools import product
 from typing import Any, ClassVar, Self, get_args
 
@@ -93,37 +93,23 @@ def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
             )
 
 
-_MAY_BE_ZERO = ("motor_inertia_kg_m2", "viscous_friction_Nms_per_rad", "coulomb_friction_Nm")
 _LENGTHS = ("gear_ratio", "motor_pulley_radius", "load_pulley_radius", "transmission")
 _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 """Limits that keep products and powers in the equations finite; real drives are far inside."""
 
 _MOST_EXTRA_TERMS = 20
-_TERMS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
-_TABLES = ("nominal", "transmission", "std")
-_NO_NUMBERS = (*_TERMS, *FIELDS, *_TABLES, "motor_input", "controller", "angle_ratio", "shared")
+_LEAST = {
+    **dict.fromkeys(("motor_inertia_kg_m2", "coulomb_friction_Nm"), "zero or more"),
+    "viscous_friction_Nms_per_rad": "zero or more",
+    **dict.fromkeys(("command_delay_s", "reference_position_rad"), "any number"),
+    "reference_temperature_degC": "any number",
+}
+"""{field: what its number must be}; those of other fields are more than zero."""
 
 
-def _check_numbers(drive: Drive) -> None:
-    """Check the fields that are numbers, and the name of a group. Raises RobotError."""
-    if not isinstance(drive.shared, str):
-        raise RobotError(
-            "shared must be the name of a group of drives, such as 'calf_motor', found "
-            f"{shown(drive.shared)}"
-        )
-    for field in fields(drive):
-        value = getattr(drive, field.name)
-        if value is None or field.name in _NO_NUMBERS:
-            continue
-        least = "zero or more" if field.name in _MAY_BE_ZERO else "more than zero"
-        if field.name.startswith(("reference_", "command_delay_s")):
-            least = "any number"
-        _check_number(field.name, value, least)
-
-
-def _check_number(name: str, value: Any, least: str) -> None:
-    """Check type, sign and size of a number. Raises RobotError."""
-    size = number(name, value, RobotError)
+def _number(name: str, value: Any, least: str = "") -> Any:
+    """Return a number of the right sign and size. Raises RobotError for others."""
+    size, least = number(name, value, RobotError), least or _LEAST.get(name, "more than zero")
     allowed = {"zero or more": size >= 0, "more than zero": size > 0}.get(least, True)
     if not allowed or not math.isfinite(size):
         raise RobotError(f"{name} must be {least} and finite, found {shown(value)}")
@@ -133,84 +119,65 @@ def _check_number(name: str, value: Any, least: str) -> None:
             f"{name} must be from {least_size:g} to {most:g} in size, found {size:g}: check its "
             "unit"
         )
+    return value
 
 
-def _names_in(drive: Drive, field: str) -> tuple[str, ...]:
-    """Return the names in a field, each allowed and there once. Raises RobotError."""
-    names = getattr(drive, field)
+def _names(field: str, names: Any) -> tuple[str, ...]:
+    """Return names that are allowed and there once. Raises RobotError for others."""
     if not (isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)):
         raise RobotError(f"{field} must be a list of texts, found {shown(names)}")
     if len(set(names)) < len(names):
         raise RobotError(f"{field} names a term twice: {shortened(', '.join(names))}")
-    allowed = PARAMETERS_OF.get(field, names)
     for name in names:
+        allowed = PARAMETERS_OF.get(field, names)
         check_name(f"{field.replace('_', ' ')} term", name, allowed, RobotError)
     return names if isinstance(names, DefaultTerms) else tuple(names)
 
 
-def _numbers_in(drive: Drive, field: str) -> FrozenMapping[float]:
-    """Return the table of numbers in a field. Raises RobotError."""
-    table = getattr(drive, field)
+def _numbers(field: str, table: Any) -> FrozenMapping[float]:
+    """Return a table of numbers. Raises RobotError for others."""
     if not isinstance(table, Mapping):
         raise RobotError(f"{field} must be a table of numbers, found {shown(table)}")
     for name, value in table.items():
-        _check_number(f"{field} '{shortened(name)}'", value, "any number")
+        _number(f"{field} '{shortened(name)}'", value, "any number")
     return FrozenMapping(table)
 
 
-def _check_terms(drive: Drive) -> None:
-    """Check the fields that name terms. Raises RobotError."""
-    for field in _TERMS:
-        object.__setattr__(drive, field, _names_in(drive, field))
-    if len(drive.extra_terms) > _MOST_EXTRA_TERMS:
-        raise RobotError(
-            f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
-        )
-    _check_motor_input(drive)
-    _check_angle_ratio(drive)
-    for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES)):
-        terms = [term for term in getattr(drive, field) if term in alike]
-        if len(terms) > 1:
-            raise RobotError(
-                f"{field} may have one of {', '.join(alike)}, found {', '.join(terms)}"
-            )
-    if drive.is_elastic and "offset" in drive.friction:
-        raise RobotError(
-            "an elastic drive has no friction offset: its constant column is the spring offset"
-        )
+def _record(kind: type[Controller] | type[AngleRatio], field: str, value: Any) -> Any:
+    """Return the record of a table. Raises RobotError for what is none."""
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, Mapping):
+        raise RobotError(f"{field} must be a table of its values, found {shown(value)}")
+    for key in value:
+        check_name("key", key, [x.name for x in fields(kind)], RobotError, field)
+    return kind(**value)
 
 
-def _check_motor_input(drive: Drive) -> None:
-    """Check the motor input, and the controller that it may need. Raises RobotError."""
-    inputs = get_args(MotorInput)
-    check_name("motor input", drive.motor_input, inputs, RobotError)
-    _make_record(drive, "controller", Controller)
-    _check_controller(drive)
+def _motor_input(_: str, value: Any) -> Any:
+    check_name("motor input", value, get_args(MotorInput), RobotError)
+    return value
 
 
-def _check_controller(drive: Drive) -> None:
-    """Check that motor input and controller fit together. Raises RobotError."""
-    law, kind = drive.controller, drive.motor_input
-    if (law is None) == (kind in COMMANDS):
-        text = f"found a controller and the motor input '{kind}'"
-        text = text if law else "give its gains in the table 'controller'"
-        raise RobotError(
-            f'motor_input = "{" or ".join(COMMANDS)}" and a controller go together: {text}'
-        )
-    if law is None:
-        return
-    needed = _GAIN_OF[kind]
-    if not getattr(law, needed):
-        raise RobotError(
-            f'controller: {needed} is missing or zero, which motor_input = "{kind}" needs; '
-            '"velocity_command" takes velocity commands alone, "position_command" both kinds'
-        )
-    if kind == "velocity_command" and law.position_gain_Nm_per_rad:
-        raise RobotError(
-            'controller: found position_gain_Nm_per_rad with motor_input = "velocity_command": '
-            'write "position_command", which takes velocity commands too, or a gain of zero'
-        )
+def _group(field: str, value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    raise RobotError(
+        f"{field} must be the name of a group of drives, such as 'calf_motor', found {shown(value)}"
+    )
 
+
+_READERS: Mapping[str, Callable[[str, Any], Any]] = {
+    **dict.fromkeys(PARAMETERS_OF, _names),
+    **dict.fromkeys(("known", "extra_terms"), _names),
+    **dict.fromkeys(("nominal", "transmission", "std"), _numbers),
+    **dict.fromkeys(FIELDS, harmonics_of),
+    "motor_input": _motor_input,
+    "controller": partial(_record, Controller),
+    "angle_ratio": partial(_record, AngleRatio),
+    "shared": _group,
+}
+"""{field: what checks its value and returns it as the type of the field}; others are numbers."""
 
 _GAIN_OF = {
     "position_command": "position_gain_Nm_per_rad",
@@ -219,101 +186,107 @@ _GAIN_OF = {
 """{motor input: gain of the controller on these commands}."""
 
 
-def _check_spring(drive: SeriesElasticDrive) -> None:
-    """Check that radii, stiffness and terms of a spring fit together. Raises RobotError."""
+def _faults(drive: Drive) -> Iterator[str]:
+    """Yield what does not fit together in a drive."""
+    yield from _controller_faults(drive)
+    if len(drive.extra_terms) > _MOST_EXTRA_TERMS:
+        yield f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
+    for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES)):
+        terms = [term for term in getattr(drive, field) if term in alike]
+        if len(terms) > 1:
+            yield f"{field} may have one of {', '.join(alike)}, found {', '.join(terms)}"
+    for field in ("transmission", "parallel_spring", "joint_friction"):
+        if drive.angle_ratio is not None and getattr(drive, field):
+            yield (
+                f"a drive with angle_ratio has no {field}: seaid has all that is in the table of "
+                "such a drive at the angle behind the gear, and not at that of the joint"
+            )
+    yield from _spring_faults(drive) if drive.is_elastic else _stiff_faults(drive)
+    yield from _harmonic_faults(drive)
+
+
+def _controller_faults(drive: Drive) -> Iterator[str]:
+    law, kind = drive.controller, drive.motor_input
+    needed = _GAIN_OF.get(kind, "")
+    both = f'motor_input = "{" or ".join(COMMANDS)}" and a controller go together: '
+    if law is None:
+        if needed:
+            yield f"{both}give its gains in the table 'controller'"
+    elif not needed:
+        yield f"{both}found a controller and the motor input '{kind}'"
+    elif not getattr(law, needed):
+        yield (
+            f'controller: {needed} is missing or zero, which motor_input = "{kind}" needs; '
+            '"velocity_command" takes velocity commands alone, "position_command" both kinds'
+        )
+    elif kind == "velocity_command" and law.position_gain_Nm_per_rad:
+        yield (
+            'controller: found position_gain_Nm_per_rad with motor_input = "velocity_command": '
+            'write "position_command", which takes velocity commands too, or a gain of zero'
+        )
+
+
+def _stiff_faults(drive: Any) -> Iterator[str]:
+    if drive.gear_ratio is not None and drive.gear_ratio_rad_per_m is not None:
+        yield (
+            "a stiff drive has gear_ratio (turning joint) or gear_ratio_rad_per_m (prismatic "
+            "joint), found both"
+        )
+
+
+def _spring_faults(drive: Any) -> Iterator[str]:
+    if "offset" in drive.friction:
+        yield "an elastic drive has no friction offset: its constant column is the spring offset"
     if drive.load_pulley_radius_m is not None and drive.motor_pulley_radius_m is None:
-        raise RobotError(
+        yield (
             "a series elastic drive with load_pulley_radius_m needs motor_pulley_radius_m too "
             "(give neither for a rotary spring)"
         )
-    sides = [
-        ("stiffness_Nm_per_rad", "rotary (pulley radii not given)"),
-        ("stiffness_N_per_m", "linear (pulley radii given)"),
-    ]
-    (right, kind), (wrong, _) = sides[:: -1 if drive.is_linear_spring else 1]
+    keys = ["stiffness_Nm_per_rad", "stiffness_N_per_m"]
+    right, wrong = reversed(keys) if drive.is_linear_spring else keys
     if getattr(drive, wrong) is not None:
-        raise RobotError(f"found {wrong}, but the spring is {kind}: use {right}")
-    if not {"linear", "cubic", "fifth"} & set(drive.spring):
-        raise RobotError(
-            "spring needs a stiffness term, 'linear', 'cubic' or 'fifth', found "
-            f"{', '.join(drive.spring) or 'none'}"
-        )
+        kind = "linear (pulley radii" if drive.is_linear_spring else "rotary (pulley radii not"
+        yield f"found {wrong}, but the spring is {kind} given): use {right}"
+    if {"linear", "cubic", "fifth"}.isdisjoint(drive.spring):
+        found = ", ".join(drive.spring) or "none"
+        yield f"spring needs a stiffness term, 'linear', 'cubic' or 'fifth', found {found}"
 
 
-def _check_harmonics(drive: Drive) -> None:
-    """Check the periodic errors of a drive. Raises RobotError."""
-    for field in FIELDS:
-        if harmonics := getattr(drive, field):
-            object.__setattr__(drive, field, harmonics_of(field, harmonics))
+def _harmonic_faults(drive: Drive) -> Iterator[str]:
     if drive.transmission_error and drive.is_nonlinear_spring:
-        raise RobotError(
+        yield (
             "a transmission error needs a linear spring, whose force is linear in its amplitudes; "
             f"found {', '.join(drive.spring)}"
         )
     if any(map(is_transmission_error, drive.known)) and "stiffness" not in drive.known:
-        raise RobotError(
-            "a known transmission error needs a known stiffness: the equation has their product"
-        )
+        yield "a known transmission error needs a known stiffness: the equation has their product"
     if "m" in drive.joint_units and any(harmonic.angle == "joint" for harmonic in drive.harmonics):
-        raise RobotError(
+        yield (
             "an error that is periodic in the joint needs a joint that turns; use 'motor' or 'mesh'"
         )
 
 
-def _make_record(drive: Drive, field: str, kind: type[Controller] | type[AngleRatio]) -> None:
-    """Put the record of a table in its place in a field of a drive. Raises RobotError."""
-    value = getattr(drive, field)
-    if value is None or isinstance(value, kind):
-        return
-    if not isinstance(value, Mapping):
-        raise RobotError(f"{field} must be a table of its values, found {shown(value)}")
-    allowed = [x.name for x in fields(kind)]
-    for key in value:
-        check_name("key", key, allowed, RobotError, field)
-    object.__setattr__(drive, field, kind(**value))
-
-
-def _check_angle_ratio(drive: Drive) -> None:
-    """Check the ratio that depends on the angle. Raises RobotError."""
-    _make_record(drive, "angle_ratio", AngleRatio)
-    if drive.angle_ratio is None:
-        return
-    for field in ("transmission", "parallel_spring", "joint_friction"):
-        if getattr(drive, field):
-            raise RobotError(
-                f"a drive with angle_ratio has no {field}: seaid has all that is in the table of "
-                "such a drive at the angle behind the gear, and not at that of the joint"
-            )
-
-
 def _check_values(drive: Drive) -> None:
-    """Check that `nominal`, `known` and `transmission` fit the drive's terms."""
+    """Check that `nominal`, `known` and `std` fit the drive's terms. Raises RobotError."""
     names = drive.parameter_names
-    for field in _TABLES:
-        object.__setattr__(drive, field, _numbers_in(drive, field))
-    _check_std(drive)
     for name, value in drive.nominal.items():
         check_name("nominal parameter", name, PARAMETERS, RobotError)
-        if (field_name := _field_of(drive, name)) is not None:
-            raise RobotError(f"nominal has '{name}': give it as {field_name}")
+        if (field := _field_of(drive, name)) is not None:
+            raise RobotError(f"nominal has '{name}': give it as {field}")
         if name not in names:
             raise RobotError(f"found a value of '{name}', but the drive lacks {_term_with(name)}")
         if PARAMETERS[name].is_positive:
-            _check_number(f"nominal '{name}'", value, "zero or more")
+            _number(f"nominal '{name}'", value, "zero or more")
     for name in drive.known:
         check_name("known parameter", name, names, RobotError)
         if name not in drive.values:
             raise RobotError(f"known names '{name}', but it has no value")
-
-
-def _check_std(drive: Drive) -> None:
-    """Check that `std` names constants of the drive that have a value."""
     constants = [name for name in CONSTANTS if getattr(drive, name, None) is not None]
     if drive.controller is not None and drive.command_delay_s is None:
         constants.append("command_delay_s")  # of an unknown delay, about zero
     for name, value in drive.std.items():
         check_name("constant", name, (STD_OF_TORQUE, *constants), RobotError)
-        _check_number(f"standard deviation of '{name}'", value, "more than zero")
+        _number(f"standard deviation of '{name}'", value, "more than zero")
 
 
 def _term_with(name: str) -> str:
@@ -365,6 +338,16 @@ class _Parameters(Display):
     std: Mapping[str, float] = entry(default=_NOTHING, hash=False)
     shared: str = ""
     is_elastic: ClassVar[bool] = False
+
+    def __post_init__(self: Any) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None or field.default is not None:
+                read = _READERS.get(field.name, _number)
+                object.__setattr__(self, field.name, read(field.name, value))
+        for fault in _faults(self):
+            raise RobotError(fault)
+        _check_values(self)
 
     @property
     def is_up_to_scale(self) -> bool:
@@ -599,17 +582,6 @@ class StiffDrive(_Parameters):
     motor_radius: ClassVar[float] = 1.0
     load_radius: ClassVar[float] = 1.0
 
-    def __post_init__(self) -> None:
-        _check_numbers(self)
-        _check_terms(self)
-        _check_harmonics(self)
-        _check_values(self)
-        if self.gear_ratio is not None and self.gear_ratio_rad_per_m is not None:
-            raise RobotError(
-                "a stiff drive has gear_ratio (turning joint) or gear_ratio_rad_per_m (prismatic "
-                "joint), found both"
-            )
-
     @property
     def ratio(self) -> float:
         """Motor angle per joint coordinate, rad/rad or rad/m; 1 if none is given."""
@@ -674,13 +646,6 @@ class SeriesElasticDrive(_Parameters):
     joint_friction: tuple[str, ...] = ()
     transmission_error: Mapping[str, Any] | tuple[Harmonic, ...] = ()
     is_elastic: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        _check_numbers(self)
-        _check_terms(self)
-        _check_spring(self)
-        _check_harmonics(self)
-        _check_values(self)
 
     @property
     def is_linear_spring(self) -> bool:
