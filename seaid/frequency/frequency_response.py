@@ -176,17 +176,20 @@ def frequency_response(
 
     spectra = read(records)
     fit = fitted(spectra, nominal, robot, picked)
-    for _ in range(_stick_rounds(spectra, fit)):
+    # Friction at standstill is that of the fit before, if motors stick.
+    sticks = spectra.is_periodic and np.any(fit.joints.dry > 0)
+    for _ in range(_STICK_ROUNDS if sticks else 0):
         spectra = read([sticking_sign(record, picked, fit) for record in records])
         fit = refitted(spectra, fit)
-    identified = None
+    identified, others = None, dict[str, Estimate]()
     if identification is not None:
         identified = linearised(identification.robot, posture, picked)
+        others = dict(identification.drive_side)
     result = _response(robot, picked, records, spectra, fit, identified, period_s)
-    findings = [
-        *_findings(result, fit, spectra, nominal, robot, rate),
-        *_disagreements(result, identification),
-    ]
+    findings = list(_findings(result, fit, spectra, nominal, robot, rate))
+    for joint, estimate in result.drives.items():
+        if joint in others and "stiffness" in others[joint].names:
+            findings += predictions.stiffness_disagrees(joint, estimate, others[joint])
     return replace(result, warnings=by_severity(findings))
 
 
@@ -213,9 +216,9 @@ def _response(
     return FrequencyResponse(
         joints=names,
         frequency_hz=measured.hz,
-        response=scale * measured.motor,
-        noise_std=scale * measured.noise_std,
-        total_std=scale * measured.total_std,
+        **{
+            name: scale * getattr(measured, name) for name in ("response", "noise_std", "total_std")
+        },
         coherence=measured.coherence,
         model=modelled(fit.joints),
         identified=None if identified is None else modelled(identified),
@@ -230,21 +233,6 @@ def _response(
 def _ratios(robot: Robot, names: Sequence[str]) -> Array:
     """Return the ratios (n,) of motors to joints."""
     return np.array([total_ratio(robot.drives[name]) for name in names])
-
-
-def _stick_rounds(spectra: Spectra, fit: Fit) -> int:
-    """Return how often friction at standstill is that of the fit before: motors have to stick."""
-    return _STICK_ROUNDS if spectra.is_periodic and np.any(fit.joints.dry > 0) else 0
-
-
-def _disagreements(
-    result: FrequencyResponse, identification: Identification | None
-) -> Iterator[Finding]:
-    """Yield the stiffnesses that an identification has otherwise."""
-    others = {} if identification is None else identification.drive_side
-    for joint, estimate in result.drives.items():
-        if joint in others and "stiffness" in others[joint].names:
-            yield from predictions.stiffness_disagrees(joint, estimate, others[joint])
 
 
 def _rate_of(logs: Sequence[Log], period_s: float | None) -> float:

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array, BoolArray, safely
-from seaid.drives import Drive, ParameterName, is_dry, total_ratio
+from seaid.drives import Drive, ParameterName, is_dry, total_ratio, unit_of
 from seaid.estimation import Estimate
 from seaid.estimation.qr_factor import scaled_svd
 from seaid.frequency.spectra import NEAR, STICKS, Record, Spectra, motor_rates
@@ -218,43 +218,35 @@ class Fit:
         """Return resonance, antiresonance and the numbers of one elastic joint, by its place."""
 
         def numbers(x: Array) -> Array:
-            return _numbers(self.parameters.joints(x), place, drive)
+            return np.array([*_numbers(self.parameters.joints(x), place, drive).values()])
 
         J = _slopes(numbers, self.x, 1e-5 * np.maximum(np.abs(self.x), 1e-3))  # the delta method
-        force, length = drive.spring_units
-        torque, angle = drive.joint_units
-        inertia = "kg m^2" if torque == "N m" else "kg"
-        names = {"resonance": "Hz", "resonance_damping": "1", "antiresonance": "Hz"}
-        names |= {"antiresonance_damping": "1", "stiffness": f"{force}/{length}"}
-        names |= {"spring_damping": f"{force} s/{length}", "motor_inertia": "kg m^2"}
-        names |= {"viscous_friction": "N m s/rad", "load_inertia": inertia}
-        names |= {"gravity_stiffness": f"{torque}/{angle}"}
-        covariance, units = J @ self.covariance @ J.T, tuple(names.values())
-        texts, values = ParameterName.all_of(names), numbers(self.x)
-        return Estimate(texts, values, covariance, units, self.residual, math.nan)
+        covariance, names = J @ self.covariance @ J.T, _numbers(self.joints, place, drive)
+        units = dict.fromkeys(("resonance", "antiresonance"), "Hz")
+        units |= dict.fromkeys(("resonance_damping", "antiresonance_damping"), "1")
+        units["load_inertia"] = "kg m^2" if drive.joint_units[0] == "N m" else "kg"
+        units["gravity_stiffness"] = unit_of(drive, "parallel_stiffness")
+        every = tuple(units.get(name) or unit_of(drive, name) for name in names)
+        texts = ParameterName.all_of(names)
+        return Estimate(texts, numbers(self.x), covariance, every, self.residual, math.nan)
 
 
-def _numbers(joints: LinearJoints, place: int, drive: Drive) -> Array:
-    """Return the numbers of one elastic joint that `Fit.estimate` names."""
-    poles, zeros = (joints.modes(held=held) for held in (False, True))
-    mode = int(np.sum(joints.elastic[:place]))
+def _numbers(joints: LinearJoints, place: int, drive: Drive) -> dict[str, float]:
+    """Return the numbers of one elastic joint by their names."""
+    mode, numbers = int(np.sum(joints.elastic[:place])), dict[str, float]()
+    for name, held in (("resonance", False), ("antiresonance", True)):
+        value = joints.modes(held=held)[mode]
+        # the natural frequency [Hz] and the damping ratio of an eigenvalue
+        numbers |= {name: abs(value) / (2 * np.pi), f"{name}_damping": -value.real / abs(value)}
     by_radius, by_ratio = drive.load_radius**2, total_ratio(drive) ** 2
-    numbers = [
-        *(*_frequency(poles[mode]), *_frequency(zeros[mode])),
-        joints.stiffness[place] / by_radius,
-        joints.damping[place] / by_radius,
-        joints.inertia[place] / by_ratio,
-        joints.friction[place] / by_ratio,
-        joints.mass[place, place],
-        joints.gravity[place, place],
-    ]
-    return np.array(numbers, dtype=float)
-
-
-def _frequency(mode: complex) -> tuple[float, float]:
-    """Return the natural frequency [Hz] and the damping ratio of an eigenvalue."""
-    size = abs(mode)
-    return size / (2 * np.pi), -mode.real / size
+    return numbers | {
+        "stiffness": joints.stiffness[place] / by_radius,
+        "spring_damping": joints.damping[place] / by_radius,
+        "motor_inertia": joints.inertia[place] / by_ratio,
+        "viscous_friction": joints.friction[place] / by_ratio,
+        "load_inertia": joints.mass[place, place],
+        "gravity_stiffness": joints.gravity[place, place],
+    }
 
 
 _STARTS = (1.0, 0.4, 2.5)
@@ -677,13 +669,9 @@ class _Problem:
 
     def _scale(self, x: Array) -> Array:
         """Return typical sizes of the parameters: of one kind the largest."""
-        sizes = [
-            np.full(len(part), max(np.max(np.abs(part), initial=0), 1e-6))
-            if name not in _POSITIVE
-            else np.ones(len(part))
-            for name, part in self.parameters.parts(x).items()
-        ]
-        return np.concatenate(sizes)
+        parts = self.parameters.parts(x).items()
+        sizes = {k: 1.0 if k in _POSITIVE else np.max(np.abs(x), initial=1e-6) for k, x in parts}
+        return np.concatenate([np.full(len(x), sizes[name]) for name, x in parts])
 
     def _real(self, x: Array, noise: Array) -> Array:
         error = self.errors(x, noise).ravel()

@@ -99,7 +99,7 @@ class Approximation:
     """
 
     hz: Array
-    motor: Array
+    response: Array
     noise_std: Array
     total_std: Array
     coherence: Array

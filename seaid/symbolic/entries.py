@@ -11,11 +11,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import chain, compress
-from math import comb
 from typing import NamedTuple
 
 import sympy as sp
-from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
 from sympy.core.function import AppliedUndef
 
 from seaid.symbolic.polynomial import (
@@ -173,24 +172,16 @@ def _multiple(function: type[sp.Function], times: int, angle: sp.Expr) -> sp.Exp
 def _multiples(angle: sp.Expr, of_sine: int, of_cosine: int) -> dict[sp.Expr, fmpq]:
     """Return sin^a x cos^b x, with a of 0 or 1, as a sum of sin(n x) and cos(n x).
 
-    cos^b x = 2^-b sum over j of binomial(b, j) cos((b - 2 j) x), and
-    sin x cos(m x) = (sin((m + 1) x) - sin((m - 1) x)) / 2.
+    With z = exp(i x), 2 cos x = z + 1/z and 2 i sin x = z - 1/z: the factors are those of powers of
+    z, of which z^n and z^-n make up a cosine or, with the sine, a sine.
     """
-    series: dict[sp.Expr, fmpq] = {}
-    for j in range(of_cosine + 1):
-        factor, m = fmpq(comb(of_cosine, j), 2**of_cosine), of_cosine - 2 * j
-        terms = [(_multiple(sp.cos, abs(m), angle), factor)]
-        if of_sine:
-            # sin(-n x) = -sin(n x), and sin(0 x) is no function.
-            signs = ((m + 1, factor / 2), (m - 1, -factor / 2))
-            terms = [
-                (_multiple(sp.sin, abs(n), angle), part if n > 0 else -part)
-                for n, part in signs
-                if n
-            ]
-        for function, part in terms:
-            series[function] = series.get(function, fmpq(0)) + part
-    return {function: factor for function, factor in series.items() if factor != 0}
+    function, degree = sp.sin if of_sine else sp.cos, of_sine + of_cosine
+    powers = fmpq_poly([1, 0, 1]) ** of_cosine * fmpq_poly([-1, 0, 1]) ** of_sine / 2**degree
+    return {
+        _multiple(function, n, angle): powers[degree + n] * (2 if n else 1)
+        for n in range(degree, -1, -1)
+        if powers[degree + n] != 0
+    }
 
 
 def _wider(ring: Ring, functions: Iterable[sp.Expr]) -> Ring:

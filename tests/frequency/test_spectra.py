@@ -29,7 +29,7 @@ def test_the_coherence_does_not_depend_on_the_phase_of_the_response(delay: int) 
     """A delay of one sample turns the phase by 90 degrees at half the Nyquist frequency."""
     torque = np.random.default_rng(3).normal(size=(2304, 1))
     response = approximation(record(torque, np.roll(torque, delay)))
-    assert np.abs(response.motor) == pytest.approx(1.0, abs=0.05)
+    assert np.abs(response.response) == pytest.approx(1.0, abs=0.05)
     assert np.all(response.coherence > 0.99)
 
 
@@ -42,6 +42,6 @@ def test_total_std_of_segments_is_the_spread_of_the_response(logs: int, n: int) 
         torques = rng.normal(size=(logs, 1152, n))
         motors = torques @ truth.T + rng.normal(size=torques.shape)
         response = approximation(*map(record, torques, motors))
-        errors.append(np.abs(response.motor - truth) ** 2)
+        errors.append(np.abs(response.response - truth) ** 2)
         variances.append(response.total_std**2)
     assert 0.93 < np.sqrt(np.mean(variances) / np.mean(errors)) < 1.1
