@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import inf, isfinite, nan, sqrt
+from math import inf, nan, sqrt
 from pathlib import Path
 from typing import Any, Literal
 
@@ -225,10 +225,13 @@ def _estimates_of_file(path: Path) -> _Estimates:
 def _estimate_of(parameters: Mapping[str, Mapping[str, Any]]) -> Estimate:
     """Return the estimate of {name: value, standard_error, interval_95 and unit}."""
     every = parameters.values()
-    values, errors = (
-        np.array([_or_nan(x[key]) for x in every]) for key in ("value", "standard_error")
-    )
-    intervals = [[_or_nan(end) for end in x["interval_95"]] for x in every]
+    # None, of a number that is not known, becomes NaN.
+    numbers = [(x["value"], x["standard_error"], *x["interval_95"]) for x in every]
+    values, errors, low, high = np.array(numbers, dtype=float).reshape(-1, 4).T
+    # A file has no degrees of freedom, only the interval that was made with them: t, whose
+    # 97.5 % point is its half width over the error, is inverted.
+    half = np.divide(high - low, 2 * errors, where=errors > 0, out=np.full(len(errors), nan))
+    freedom = stdtridf(0.975, half)
     return Estimate(
         names=ParameterName.all_of(parameters),
         values=values,
@@ -236,20 +239,8 @@ def _estimate_of(parameters: Mapping[str, Mapping[str, Any]]) -> Estimate:
         units=tuple(str(x["unit"]) for x in every),
         residual_std=nan,
         condition_number=nan,
-        degrees_of_freedom=np.array(list(map(_freedom_of, intervals, errors.tolist()))),
+        degrees_of_freedom=np.where(freedom < _NORMAL, freedom, inf),
     )
-
-
-def _or_nan(value: Any) -> float:
-    return nan if value is None else float(value)
-
-
-def _freedom_of(interval: Sequence[float], error: float) -> float:
-    """Return the degrees of freedom of Student's t, whose 97.5 % point is half width over error."""
-    low, high = interval
-    # A file has no degrees of freedom, only the interval that was made with them: t is inverted.
-    freedom = float(stdtridf(0.975, (high - low) / (2 * error))) if error > 0 else nan
-    return freedom if isfinite(freedom) and freedom < _NORMAL else inf
 
 
 _NORMAL = 1e6
@@ -282,35 +273,21 @@ def _only(first: _Estimates, second: _Estimates) -> tuple[str, ...]:
 
 
 def _differences(joint: str, old: Estimate, new: Estimate) -> Iterator[Difference]:
-    for place, name in enumerate(old.names):
-        errors = [float(x.standard_errors[place]) for x in (old, new)]
-        change = float(new.values[place] - old.values[place])
-        yield Difference(
-            name=name,
-            joint=joint,
-            unit=old.units[place],
-            first=float(old.values[place]),
-            second=float(new.values[place]),
-            first_error=errors[0],
-            second_error=errors[1],
-            p_value=_p_value(change, errors, [_freedom(x, place) for x in (old, new)]),
-        )
-
-
-def _freedom(estimate: Estimate, place: int) -> float:
-    freedom = estimate.degrees_of_freedom
-    return inf if freedom is None else float(freedom[place])
-
-
-def _p_value(change: float, errors: Sequence[float], freedoms: Sequence[float]) -> float:
-    """Return the two-sided probability by Welch's test, 1 where neither has a standard error."""
-    variance = sum(s**2 for s in errors)
-    if not variance > 0:
-        return nan if variance != 0 else float(change == 0)
-    # Welch and Satterthwaite: (s1^2 + s2^2)^2 / (s1^4 / nu1 + s2^4 / nu2)
-    spread = sum((s**2 / variance) ** 2 / nu for s, nu in zip(errors, freedoms, strict=True))
-    # Both are normal if spread is zero, which 1e12 degrees of freedom are to double precision.
-    return float(2 * stdtr(1 / spread if spread else 1e12, -abs(change) / sqrt(variance)))
+    errors = np.array([old.standard_errors, new.standard_errors])
+    change, variances = new.values - old.values, errors**2
+    variance = variances.sum(axis=0)
+    none = np.full(len(old.names), inf)
+    freedoms = [none if x.degrees_of_freedom is None else x.degrees_of_freedom for x in (old, new)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Welch and Satterthwaite: (s1^2 + s2^2)^2 / (s1^4 / nu1 + s2^4 / nu2)
+        freedom = 1 / np.sum((variances / variance) ** 2 / freedoms, axis=0)
+        # Both are normal if it is infinite, which 1e12 are to double precision.
+        p_values = 2 * stdtr(np.minimum(freedom, 1e12), -np.abs(change) / np.sqrt(variance))
+    # Where neither has a standard error only equal values do not differ.
+    p_values = np.where(variance == 0, np.where(change == 0, 1.0, 0.0), p_values)
+    numbers = np.array([old.values, new.values, *errors, p_values]).T.tolist()
+    for name, unit, row in zip(old.names, old.units, numbers, strict=True):
+        yield Difference(name, joint, unit, *row)
 
 
 def _group_test(old: Estimate, new: Estimate) -> GroupTest:
