@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,11 +27,11 @@ from seaid.errors import SeaidError
 from seaid.log import Motion, in_band, standstill
 from seaid.regressor.load import drive_columns, load_side, with_gear_torque
 from seaid.regressor.regression import actuator_columns, signals, under_load
-from seaid.report.html_charts import Axis, Layer, chart
+from seaid.report.html_charts import Axis, Figure, Layer, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as DrawnFigure
 
     from seaid.frequency import FrequencyResponse
     from seaid.identification import Identification
@@ -51,30 +51,7 @@ _SHAPES = {name for name, parameter in PARAMETERS.items() if parameter.starts}
 """Parameters whose columns are slopes, no parts of a torque."""
 
 
-@dataclass(frozen=True)
-class ActuatorFigures:
-    """The figures of a joint; None for what its drive does not have or its log does not show."""
-
-    joint: str
-    kind: str
-    friction: Any | None
-    spring: Any | None
-
-
-@dataclass(frozen=True)
-class ResponseFigures:
-    """Size and phase of the response of a joint to its own motor torque, over frequency.
-
-    `coherence` is the range of the share of power that the linear response explains.
-    """
-
-    joint: str
-    coherence: str
-    size: Any
-    phase: Any
-
-
-def actuator_figures(result: Identification, nominal: Robot) -> list[ActuatorFigures]:
+def actuator_figures(result: Identification, nominal: Robot) -> list[Panel]:
     """Return the figures of every joint with friction or a spring, none for long logs."""
     motions = fitted_motions(result)
     most = max(60, min(_MOST_SAMPLES, _ROOM // max(2 * result.robot.n, 1)))
@@ -91,11 +68,9 @@ def actuator_figures(result: Identification, nominal: Robot) -> list[ActuatorFig
             continue
         samples = samples[:, np.unique(np.linspace(0, samples.shape[1] - 1, most).astype(int))]
         drives = {"nominal": nominal.drives[joint], "identified": _identified(result, joint)}
-        friction = _friction_figure(joint, samples, drives)
-        spring = _spring_figure(joint, samples, drives)
-        kind = "series elastic" if drive.is_elastic else "stiff"
-        if friction is not None or spring is not None:
-            figures.append(ActuatorFigures(joint, kind, friction, spring))
+        drawn = (*_friction_figure(joint, samples, drives), *_spring_figure(joint, samples, drives))
+        if drawn:
+            figures.append(Panel(joint, "series elastic" if drive.is_elastic else "stiff", drawn))
     return figures
 
 
@@ -219,11 +194,11 @@ def _stiff_sides(result: Identification, motion: Motion) -> dict[str, tuple[Arra
     return sides
 
 
-def _friction_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> Any:
-    """Return the friction without load over the speed of the motor."""
+def _friction_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> Iterator[Figure]:
+    """Yield the friction without load over the speed of the motor."""
     speeds, friction, _, _ = samples
     if not (drives["identified"].friction and np.any(np.isfinite(friction))):
-        return None
+        return
     fastest = float(np.max(np.abs(speeds)))
     speed = np.linspace(-fastest, fastest, _CURVE - 1)  # without zero, where the sign jumps
 
@@ -231,35 +206,35 @@ def _friction_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) ->
         law, width = friction_curve(joint, drive.without_harmonics()), _SIGN_WIDTH * fastest
         return law.torque(speed, np.zeros_like(speed), sign_width=width)[0]
 
-    return _with_curves(
-        [Layer(speeds, friction, "sample")],
-        speed,
-        curve,
-        drives,
-        (Axis("motor speed", "rad/s"), Axis("friction torque", "N m")),
+    figure = Figure(
         f"Friction of {joint} over the speed of its motor",
+        [Layer(speeds, friction, "sample")],
+        Axis("motor speed", "rad/s"),
+        Axis("friction torque", "N m"),
+        "Friction over the speed of the motor",
     )
+    yield _with_curves(figure, speed, curve, drives)
 
 
-def _spring_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> Any:
-    """Return the force of a spring over its deflection."""
+def _spring_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> Iterator[Figure]:
+    """Yield the force of a spring over its deflection."""
     speeds, _, deflections, force = samples
     if not np.any(np.isfinite(force)):
-        return None
+        return
     # Two directions of the motor, because hysteresis of spring and gear separates them.
     ways = {"sample up": speeds > 0, "sample down": ~(speeds > 0)}
     x = np.linspace(float(np.min(deflections)), float(np.max(deflections)), _CURVE)
     if "dahl" in drives["identified"].spring:
         x = np.concatenate([x, x[::-1]])  # around the loop
     unit, length = drives["identified"].spring_units
-    return _with_curves(
-        [Layer(deflections[way], force[way], name) for name, way in ways.items()],
-        x,
-        lambda drive: _spring_force(drive, x),
-        drives,
-        (Axis("deflection", length), Axis(f"spring {'force' if unit == 'N' else 'torque'}", unit)),
+    figure = Figure(
         f"Spring of {joint}: torque over deflection",
+        [Layer(deflections[way], force[way], name) for name, way in ways.items()],
+        Axis("deflection", length),
+        Axis(f"spring {'force' if unit == 'N' else 'torque'}", unit),
+        "Spring over its deflection",
     )
+    yield _with_curves(figure, x, lambda drive: _spring_force(drive, x), drives)
 
 
 def _spring_force(drive: Drive, x: Array) -> Array:
@@ -279,15 +254,10 @@ def _spring_force(drive: Drive, x: Array) -> Array:
 
 
 def _with_curves(
-    samples: Sequence[Layer],
-    x: Array,
-    curve: Callable[[Drive], Array],
-    drives: Mapping[str, Drive],
-    axes: tuple[Axis, Axis],
-    title: str,
-) -> Any:
-    """Return samples with the curve over x of each drive that has all values, by name."""
-    layers = [*samples]
+    figure: Figure, x: Array, curve: Callable[[Drive], Array], drives: Mapping[str, Drive]
+) -> Figure:
+    """Return a figure of samples with the curve over x of each drive that has all values."""
+    layers = [*figure.layers]
     for name, drive in drives.items():
         with suppress(SeaidError):
             layers.append(Layer(x, curve(drive), name, "line"))
@@ -295,30 +265,26 @@ def _with_curves(
     seen = np.concatenate([layer.y for layer in layers if layer.name != "nominal"])
     low, high = float(np.nanmin(seen)), float(np.nanmax(seen))
     room = 0.08 * (high - low) or 1.0
-    return chart(layers, axes[0], replace(axes[1], low=low - room, high=high + room), title=title)
+    return replace(figure, layers=layers, y=replace(figure.y, low=low - room, high=high + room))
 
 
-def response_figures(response: FrequencyResponse) -> list[ResponseFigures]:
-    """Return the measured response of every joint with its deviations, and that of the models.
+def response_figures(response: FrequencyResponse) -> list[Panel]:
+    """Return size and phase of the response of every joint to its own motor torque.
 
-    Vertical lines are the resonance and the antiresonance of an elastic joint.
+    They are measured, with deviations, and those of the models. Vertical lines are the resonance
+    and the antiresonance of an elastic joint. The coherence is the share of power that the linear
+    response explains.
     """
-    figures = []
+    panels = []
     for place, joint in enumerate(response.joints):
-        size, phase = _response_charts(response, place)
         explained = response.coherence[:, place]
-        coherence = f"coherence {np.nanmin(explained):.2f} to {np.nanmax(explained):.2f}"
-        text = f"the frequency response of {joint}"
-        svg = chart(*size, title=f"Size of {text}"), chart(*phase, title=f"Phase of {text}")
-        figures.append(ResponseFigures(joint, coherence, *svg))
-    return figures
+        note = f"coherence {np.nanmin(explained):.2f} to {np.nanmax(explained):.2f}"
+        panels.append(Panel(joint, note, _response_figures(response, place)))
+    return panels
 
 
-_Chart = tuple[list[Layer], Axis, Axis]
-
-
-def _response_charts(response: FrequencyResponse, place: int) -> tuple[_Chart, _Chart]:
-    """Return size and phase of the response of one joint: layers and both axes."""
+def _response_figures(response: FrequencyResponse, place: int) -> tuple[Figure, Figure]:
+    """Return size and phase of the response of one joint."""
     hz, joint = response.frequency_hz, response.joints[place]
     measured = response.response[:, place, place]
     models = [(response.model, "identified"), (response.identified, "computed")]
@@ -347,7 +313,11 @@ def _response_charts(response: FrequencyResponse, place: int) -> tuple[_Chart, _
     ]
     across = Axis("frequency", "Hz", float(hz[0]) / 1.05, float(hz[-1]) * 1.05, is_log=True)
     up = Axis("motor angle / torque", "rad/(N m)", low, high, is_log=True)
-    return (size, across, up), (phase, across, Axis("phase", "°", -225.0, 45.0))
+    text, turns = f"the frequency response of {joint}", Axis("phase", "°", -225.0, 45.0)
+    return (
+        Figure(f"Size of {text}", size, across, up, "Motor angle per motor torque"),
+        Figure(f"Phase of {text}", phase, across, turns, "Its phase"),
+    )
 
 
 def _marked(marks: Sequence[tuple[float, str]], low: float, high: float) -> Iterator[Layer]:
@@ -363,7 +333,7 @@ def _degrees(response: Array) -> Array:
     return np.where(np.abs(np.diff(phase, prepend=phase[0])) > 180.0, np.nan, phase)
 
 
-def save_figure(figure: Figure, path: str | Path) -> None:
+def save_figure(figure: DrawnFigure, path: str | Path) -> None:
     """Write a figure as PNG. Raises SeaidError for another suffix and if it cannot be written."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -389,15 +359,15 @@ _DRAWN: dict[str, tuple[str, dict[str, Any]]] = {
 
 def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
     """Draw the response of each motor angle to its own torque, with its model and its noise."""
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as DrawnFigure
 
     count = len(found.joints)
-    figure = Figure(figsize=(1.0 + 3.6 * count, 5.4), layout="constrained")
+    figure = DrawnFigure(figsize=(1.0 + 3.6 * count, 5.4), layout="constrained")
     figure.suptitle("Motor angle per motor torque, measured and computed", fontsize=11)
     axes = figure.subplots(2, count, sharex=True, squeeze=False)
     for place, joint in enumerate(found.joints):
-        for axis, drawn in zip(axes[:, place], _response_charts(found, place), strict=True):
-            _draw(axis, *drawn)
+        for axis, panel in zip(axes[:, place], _response_figures(found, place), strict=True):
+            _draw(axis, panel)
         axes[0, place].set_title(joint, fontsize=9, loc="left")
         axes[1, place].set_xlabel("frequency [Hz]")
     axes[0, 0].set_ylabel("rad/(N m)")
@@ -407,12 +377,13 @@ def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
     save_figure(figure, path)
 
 
-def _draw(axis: Axes, layers: Sequence[Layer], across: Axis, up: Axis) -> None:
-    """Draw the layers of a chart of a page with Matplotlib."""
-    for layer in layers:
+def _draw(axis: Axes, figure: Figure) -> None:
+    """Draw the layers of a figure of a page with Matplotlib."""
+    for layer in figure.layers:
         label, style = _DRAWN[layer.name]
         if np.any(np.isfinite(layer.y)):
             axis.plot(layer.x, layer.y, label=label, **style)
-    axis.set(xscale="log", xlim=(across.low, across.high), ylim=(up.low, up.high))
-    axis.set_yscale("log" if up.is_log else "linear")
+    x, y = figure.x, figure.y
+    axis.set(xscale="log", xlim=(x.low, x.high), ylim=(y.low, y.high))
+    axis.set_yscale("log" if y.is_log else "linear")
     axis.grid(color="0.9")

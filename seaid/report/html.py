@@ -6,7 +6,6 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from seaid.identification.validation import compared
 from seaid.report import figures, formats, html_experiment, tables
 from seaid.report.comparison import Difference, comparison_of
 from seaid.report.formats import probability, rendered, share, short
-from seaid.report.html_charts import Axis, Layer, chart, traces_chart
+from seaid.report.html_charts import Axis, Figure, Layer, traces_figure
 from seaid.report.html_robot import Label, Posture, posture_of, robot_picture
 from seaid.report.html_traces import Run, traces_of
 from seaid.report.html_verdict import (
@@ -208,20 +207,17 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
     curves = [*samples, Layer(x, found.load_at(x), "identified", "line")]
     residuals = [Layer(load[of], residual[of], f"sample {way}") for way, of in ways.items()]
     axes = Axis("reading", statics.reading_unit), Axis("load", statics.load_unit)
-    page = rendered(
-        "calibration.html.j2",
-        robot=name,
-        found=found,
-        law=chart(curves, *axes, title=f"Load over reading of {name}"),
-        residual=chart(
-            residuals,
-            axes[1],
-            Axis("load less law", statics.load_unit),
-            title=f"What the law of {name} leaves over the load",
-        ),
-        table=tables.calibration_table(found),
+    law = Figure(f"Load over reading of {name}", curves, *axes, "Load over reading")
+    rest = Figure(
+        f"What the law of {name} leaves over the load",
+        residuals,
+        axes[1],
+        Axis("load less law", statics.load_unit),
+        "Load less law, over the load: a curve is a law that is missing, a gap between the colours "
+        "is hysteresis",
     )
-    write_whole(path, page)
+    content = {"found": found, "figures": (law, rest), "table": tables.calibration_table(found)}
+    write_whole(path, rendered("calibration.html.j2", robot=name, **content))
 
 
 def _difference_labels(robot: Robot, differences: Sequence[Difference]) -> dict[str, Label]:
@@ -342,32 +338,23 @@ def _motions(
     }
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A chart with its caption."""
-
-    svg: Any
-    caption: str
-
-
 _MOST_PRINTED = 12
 
 
-def _printed_traces(run: Run, robot: Robot) -> Iterator[Picture]:
+def _printed_traces(run: Run, robot: Robot) -> Iterator[Figure]:
     """Yield traces for paper, of torques from the best to the worst predicted."""
     ranked = sorted(tables.error_rows([run], robot), key=lambda row: row.relative_error)
     for row in ranked[:: max(1, -(-len(ranked) // _MOST_PRINTED))]:
         fit, place = getattr(run.result, row.side), run.result.joints.index(row.joint)
         torque = "motor torque" if row.side == "actuator" else "torque on the load"
-        svg = traces_chart(
+        yield traces_figure(
             run.result.time,
             {"measured": fit.measured[:, place], "computed": fit.computed[:, place]},
             Axis(torque, row.unit),
-            title=f"{row.joint}: {torque}, measured and computed",
+            f"{row.joint}: {torque}, measured and computed",
+            f"{row.joint}, {row.side} side, {run.name}: measured (wide) and computed (thin), "
+            f"error {share(row.relative_error)}",
         )
-        kinds = "measured (wide) and computed (thin)"
-        error = f"error {share(row.relative_error)}"
-        yield Picture(svg, f"{row.joint}, {row.side} side, {run.name}: {kinds}, {error}")
 
 
 def _replay(identification: Identification, result: ReplayComparison) -> dict[str, Any]:
@@ -378,22 +365,22 @@ def _replay(identification: Identification, result: ReplayComparison) -> dict[st
     return {
         "length": f"{float(result.time[-1] - result.time[0]):.3g}",
         "table": tables.replay_error_table(result),
-        "pictures": [_replayed(result, int(k)) for k in np.argsort(-result.rms_errors[1])],
+        "figures": [_replayed(result, int(k)) for k in np.argsort(-result.rms_errors[1])],
     }
 
 
-def _replayed(result: ReplayComparison, place: int) -> Picture:
+def _replayed(result: ReplayComparison, place: int) -> Figure:
     """Return the traces of a replayed joint."""
     kinds = {"measured": result.measured, "replayed": result.before, "computed": result.after}
     joint, unit = result.joints[place], "m" if result.is_prismatic[place] else "rad"
-    svg = traces_chart(
+    before, after = (short(1e3 * float(error[place])) for error in result.rms_errors)
+    return traces_figure(
         result.time,
         {name: positions[:, place] for name, positions in kinds.items()},
         Axis("joint position", unit),
-        title=f"Replayed position of {joint}: measured, before and after",
+        f"Replayed position of {joint}: measured, before and after",
+        f"{joint}: {after} m{unit} rms, {before} before",
     )
-    before, after = (short(1e3 * float(error[place])) for error in result.rms_errors)
-    return Picture(svg, f"{joint}: {after} m{unit} rms, {before} before")
 
 
 def _labels(

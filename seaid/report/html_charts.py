@@ -63,11 +63,35 @@ class Axis:
     is_log: bool = False
 
 
-def chart(layers: Sequence[Layer], x: Axis, y: Axis, *, title: str) -> Any:
-    """Return a chart as SVG; `title` says to a screen reader what it shows."""
-    across = _Scale(x, _ends(x, [layer.x for layer in layers]), *_ACROSS)
-    up = _Scale(y, _ends(y, [layer.y for layer in layers], 0.05), *_UP)
-    return rendered("chart.svg.j2", title=title, across=across, up=up, layers=layers)
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """Layers over two axes, from the lowest up.
+
+    `title` says to a screen reader what they show, and the `caption` stands below them.
+    """
+
+    title: str
+    layers: Sequence[Layer]
+    x: Axis
+    y: Axis
+    caption: str = ""
+
+    @property
+    def svg(self) -> Any:
+        """The figure as SVG."""
+        across = _Scale(self.x, _ends(self.x, [layer.x for layer in self.layers]), *_ACROSS)
+        up = _Scale(self.y, _ends(self.y, [layer.y for layer in self.layers], 0.05), *_UP)
+        content = {"title": self.title, "layers": self.layers}
+        return rendered("chart.svg.j2", across=across, up=up, **content)
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Figures side by side, below the name of their joint and a note."""
+
+    joint: str
+    note: str
+    figures: tuple[Figure, ...]
 
 
 @dataclass(frozen=True)
@@ -141,9 +165,11 @@ _MOST_SAMPLES = 1200
 """Most samples of a trace."""
 
 
-def traces_chart(time: Array, traces: Mapping[str, Array], y: Axis, *, title: str) -> Any:
-    """Return traces (T,) over time as a chart; their names are classes of report.css."""
+def traces_figure(
+    time: Array, traces: Mapping[str, Array], y: Axis, title: str, caption: str
+) -> Figure:
+    """Return traces (T,) over time; their names are classes of report.css."""
     step = -(-len(time) // _MOST_SAMPLES)
     instants = axis_time(time)[::step]
     layers = [Layer(instants, trace[::step], name, "line") for name, trace in traces.items()]
-    return chart(layers, Axis("time", "s"), y, title=title)
+    return Figure(title, layers, Axis("time", "s"), y, caption)

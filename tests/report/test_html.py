@@ -27,7 +27,7 @@ from seaid.report import html_traces, tables, write_comparison, write_report
 from seaid.report.figures import actuator_figures
 from seaid.report.formats import share
 from seaid.report.html import runs_of
-from seaid.report.html_charts import Axis, traces_chart
+from seaid.report.html_charts import Axis, traces_figure
 from seaid.report.html_experiment import excitation_table, known_drives, setup_table
 from seaid.report.html_traces import Run, axis_time
 from seaid.report.html_verdict import (
@@ -405,28 +405,25 @@ def line_of(figure: str, name: str) -> Array:
 
 
 def test_samples_of_friction_and_spring_lie_on_the_identified_lines() -> None:
-    figures = {one.joint: one for one in actuator_figures(arm_found(), arm())}
-    assert [one.kind for one in figures.values()] == [
-        *("stiff", "series elastic", "series elastic", "stiff")
-    ]
-    assert figures["rail"].spring is None
-    spring = str(figures["shoulder"].spring)
+    panels = actuator_figures(arm_found(), arm())
+    assert [panel.note for panel in panels] == ["stiff", *["series elastic"] * 2, "stiff"]
+    drawn = {panel.joint: [str(figure.svg) for figure in panel.figures] for panel in panels}
+    (_,), (_, spring) = drawn["rail"], drawn["shoulder"]
     line = line_of(spring, "identified")
     for name in ("sample up", "sample down"):
         points = points_of(spring, name)
         assert len(points) > 50
         off = points[:, 1] - np.interp(points[:, 0], line[:, 0], line[:, 1])
         assert np.max(np.abs(off)) < 4.0  # of 246 high
-    for one in figures.values():
-        friction = str(one.friction)
+    for friction, *_ in drawn.values():
         points, line = points_of(friction, "sample"), line_of(friction, "identified")
         middle = np.mean(line[:, 0])
         fast = points[np.abs(points[:, 0] - middle) > 60]
         off = fast[:, 1] - np.interp(fast[:, 0], line[:, 0], line[:, 1])
         assert np.sqrt(np.mean(off**2)) < 8.0
         assert line_of(friction, "nominal").shape == line.shape  # the truth has values
-    for one in actuator_figures(arm_found(), arm_found().known):
-        assert "line nominal" not in f"{one.friction}{one.spring}"
+    for panel in actuator_figures(arm_found(), arm_found().known):
+        assert all("line nominal" not in figure.svg for figure in panel.figures)
 
 
 def test_samples_of_a_spring_with_hysteresis_lie_between_its_lines(tmp_path: Path) -> None:
@@ -436,9 +433,10 @@ def test_samples_of_a_spring_with_hysteresis_lie_between_its_lines(tmp_path: Pat
     truth = two_joints(tmp_path, STIFF, drive)
     log = noisy_log(exact_motion(truth, {"two": free_stretch(0.15)}), 1e-4, 1e-6)
     found = identify(truth.without_nominal(), log, torque_joints=["one"], cutoff_hz=10.0)
-    (figure,) = (str(one.spring) for one in actuator_figures(found, truth) if one.joint == "two")
-    line = line_of(figure, "identified")
-    points = np.vstack([points_of(figure, f"sample {way}") for way in ("up", "down")])
+    (figure,) = (x.figures[-1] for x in actuator_figures(found, truth) if x.joint == "two")
+    svg = str(figure.svg)
+    line = line_of(svg, "identified")
+    points = np.vstack([points_of(svg, f"sample {way}") for way in ("up", "down")])
     up, down = line[: len(line) // 2], line[len(line) // 2 :][::-1]
     middle, half = 0.5 * (up[:, 1] + down[:, 1]), 0.5 * np.max(np.abs(down[:, 1] - up[:, 1]))
     off = points[:, 1] - np.interp(points[:, 0], up[:, 0], middle)
@@ -552,7 +550,8 @@ def test_unix_times_are_drawn_from_their_first_sample() -> None:
     time = np.linspace(0.0, 20.0, 200)
     assert axis_time(time + 1.75e9) == pytest.approx(time, abs=1e-6)
     assert np.array_equal(axis_time(time + 30.0), time + 30.0)
-    svg = str(traces_chart(time + 1.75e9, {"measured": time}, Axis("torque", "N m"), title="t"))
+    figure = traces_figure(time + 1.75e9, {"measured": time}, Axis("torque", "N m"), "t", "")
+    svg = str(figure.svg)
     ticks = re.findall(r'text-anchor="middle"[^>]*>([^<]*)</text>', svg)
     assert "·10" not in svg
     assert len(set(ticks)) == len(ticks)

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from seaid._arrays import Array
-from seaid.report.html_charts import Axis, Layer, chart
+from seaid.report.html_charts import Axis, Figure, Layer
 from seaid.report.html_robot import Label, posture_of, robot_picture
 from seaid.report.html_traces import autocorrelation
 from tests.experiments import arm, arm_found, leg
@@ -22,7 +22,7 @@ def points_of(svg: str, name: str = "a") -> Array:
 
 def test_points_are_placed_between_the_ticks_of_their_values() -> None:
     x, y = np.array([0.0, 1.0, 2.0]), np.array([-10.0, 0.0, 10.0])
-    svg = str(chart([Layer(x, y, "a")], Axis("x", "s"), Axis("y", "N m"), title="<t>"))
+    svg = str(Figure("<t>", [Layer(x, y, "a")], Axis("x", "s"), Axis("y", "N m")).svg)
     places = points_of(svg)
     assert np.all(np.diff(places[:, 0]) > 0)
     assert np.all(np.diff(places[:, 1]) < 0)  # upwards
@@ -35,7 +35,7 @@ def test_points_are_placed_between_the_ticks_of_their_values() -> None:
 
 def test_small_values_have_their_power_of_ten_in_the_label() -> None:
     x = np.linspace(-3e-5, 4e-5, 9)
-    svg = str(chart([Layer(x, x, "a")], Axis("x", "m"), Axis("y", "N"), title="t"))
+    svg = str(Figure("t", [Layer(x, x, "a")], Axis("x", "m"), Axis("y", "N")).svg)
     assert "x [10⁻⁵ m]" in svg
     ticks = re.findall(r'text-anchor="middle">([−\d.]+)</text>', svg)
     assert ticks == ["−2", "0", "2", "4"]
@@ -43,11 +43,11 @@ def test_small_values_have_their_power_of_ten_in_the_label() -> None:
 
 def test_lines_are_interrupted_and_constants_and_nothing_are_drawn() -> None:
     y = np.array([1.0, 1.0, np.nan, 1.0, 1.0])
-    svg = str(chart([Layer(np.arange(5.0), y, "b", "line")], Axis("x"), Axis("y"), title="t"))
+    svg = str(Figure("t", [Layer(np.arange(5.0), y, "b", "line")], Axis("x"), Axis("y")).svg)
     (path,) = re.findall(r'<path class="line b" d="([^"]*)"', svg)
     assert [path.count(sign) for sign in "ML"] == [2, 2]
     nothing = Layer(np.zeros(0), np.zeros(0), "a")
-    assert "NaN" not in str(chart([nothing], Axis("x"), Axis("y"), title="t")).upper()
+    assert "NaN" not in str(Figure("t", [nothing], Axis("x"), Axis("y")).svg).upper()
 
 
 def test_posture_is_that_of_the_robot_in_the_middle_of_its_motion() -> None:

@@ -176,7 +176,10 @@ def test_rate_of_the_log(rate_hz: float, duration: float, write_chain: Chain) ->
 @pytest.mark.parametrize(
     ("drive", "words"),
     [
-        (replace(SPRING, stiffness_Nm_per_rad=None), "joint 'swing': 'stiffness_Nm_per_rad' is not given; a "),
+        (
+            replace(SPRING, stiffness_Nm_per_rad=None),
+            "joint 'swing': 'stiffness_Nm_per_rad' is not given; a ",
+        ),
         (replace(STIFF, coulomb_friction_Nm=None), "'coulomb_friction_Nm' is not given"),
         (replace(SPRING, motor_inertia_kg_m2=0.0), "'swing': an elastic drive needs a motor iner"),
         (
