@@ -115,27 +115,6 @@ def readable_unit(unit: str) -> str:
     return "" if unit == "1" else unit.replace(" ", "\N{NO-BREAK SPACE}")
 
 
-@dataclass(frozen=True)
-class Rounded:
-    """A value with its standard error and 95 % interval as text, all with the same last digit."""
-
-    value: str
-    error: str
-    lower: str
-    upper: str
-
-
-def rounded(value: float, error: float, lower: float, upper: float) -> Rounded:
-    """Return numbers rounded at the second digit of the error, or of the value if finer."""
-    if not math.isfinite(value):
-        return Rounded(NONE, NONE, NONE, NONE)
-    last = _last_place(value, error)
-    size = max(abs(value), error if math.isfinite(error) else 0.0)
-    top = _power(size) if size > 0 else 0
-    shift = 0 if _FIXED[0] <= top < _FIXED[1] else top
-    return Rounded(*(_fixed(x, last, shift) for x in (value, error, lower, upper)))
-
-
 def four_digits(value: float) -> str:
     """Return a number for a page with four digits, or with all before its decimal point."""
     whole = _power(abs(value)) + 1 if math.isfinite(value) else 0
@@ -196,9 +175,19 @@ class Measured:
     nominal: float = math.nan
 
     @cached_property
-    def rounded(self) -> Rounded:
-        """All four numbers as text for a page."""
-        return rounded(self.value, self.error, self.lower, self.upper)
+    def _places(self) -> tuple[int, int]:
+        """The powers of ten of the last digit that a page writes, and of the exponent."""
+        size = max(abs(self.value), self.error if math.isfinite(self.error) else 0.0)
+        top = _power(size)
+        return _last_place(self.value, self.error), 0 if _FIXED[0] <= top < _FIXED[1] else top
+
+    def text(self, name: str) -> str:
+        """Return a field for a page: all fields have the same last digit.
+
+        It is the second one of the error, or of the value if that is finer.
+        """
+        is_known = math.isfinite(self.value)
+        return _fixed(getattr(self, name), *self._places) if is_known else NONE
 
     @property
     def relative(self) -> float:
@@ -297,11 +286,11 @@ FORMATS = {
     # Parts of a measured value.
     "nominal": Format(lambda x: number(x.nominal), lambda x: four_digits(x.nominal)),
     "given": Format(lambda x: number(x.nominal, 7), lambda x: short(x.nominal, 7)),
-    "value": Format(lambda x: number(x.value), lambda x: Cell(x.rounded.value, x.value)),
-    "error": Format(lambda x: number(x.error), lambda x: Cell(x.rounded.error, x.error)),
+    "value": Format(lambda x: number(x.value), lambda x: Cell(x.text("value"), x.value)),
+    "error": Format(lambda x: number(x.error), lambda x: Cell(x.text("error"), x.error)),
     "interval": Format(
         lambda x: f"{number(x.lower)} to {number(x.upper)}",
-        lambda x: f"{x.rounded.lower} … {x.rounded.upper}",
+        lambda x: f"{x.text('lower')} … {x.text('upper')}",
     ),
     "relative error": Format(lambda x: percent(x.relative), lambda x: _with_bar(x.relative)),
     "change of value": Format(lambda x: percent(x.change), lambda x: signed_share(x.change)),
@@ -309,7 +298,7 @@ FORMATS = {
     "note": Format(lambda x: x.note, lambda x: x.note, is_words=True),
     "value and error": Format(
         lambda x: f"{number(x.value)} +- {x.error:.2g}" if math.isfinite(x.value) else "-",
-        lambda x: Cell(f"{x.rounded.value} ± {x.rounded.error}", x.value),
+        lambda x: Cell(f"{x.text('value')} ± {x.text('error')}", x.value),
     ),
 }
 """{name of a kind of value: how it is shown}."""

@@ -134,15 +134,14 @@ def notices_of(
     `notes` are the reasons why logs that were to validate do not.
     """
     every = [
-        *map(_notice, result.warnings),
-        *(_notice(finding) for run in runs for finding in run.result.warnings),
-        *(_notice(finding) for replay in replays for finding in replay.warnings),
-        *(Notice("not-validated", "doubtful", (_sentence(text),)) for text in notes),
-        *_validation_notices(runs),
-        *map(_notice, _notes(result)),
+        *result.warnings,
+        *(finding for x in (*(run.result for run in runs), *replays) for finding in x.warnings),
+        *(Finding("not-validated", text, severity="doubtful") for text in notes),
+        *_about_validations(runs),
+        *_notes(result),
     ]
     together: dict[tuple[str, ...], Notice] = {}
-    for notice in every:
+    for notice in map(_notice, every):
         key = notice.subject, notice.severity, notice.remedy, notice.snippet
         first = together.get(key, replace(notice, messages=(), joints=()))
         together[key] = replace(
@@ -162,13 +161,13 @@ def _notice(finding: Finding) -> Notice:
     )
 
 
-def _validation_notices(runs: Sequence[Run]) -> Iterator[Notice]:
+def _about_validations(runs: Sequence[Run]) -> Iterator[Finding]:
     if not any(run.is_unseen for run in runs):
-        yield Notice("not-validated", "note", (NOT_VALIDATED,))
+        yield Finding("not-validated", NOT_VALIDATED, severity="note")
     for run in runs:
         if not run.is_unseen and run.name.startswith("validation"):
-            message = f"The {run.name} is of a motion that was used for identification."
-            yield Notice("not-validated", "doubtful", (message,))
+            message = f"the {run.name} is of a motion that was used for identification"
+            yield Finding("not-validated", message, severity="doubtful")
 
 
 def _notes(result: Identification) -> Iterator[Finding]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import textwrap
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from html import escape
 from io import StringIO
 from itertools import compress
 from typing import TYPE_CHECKING, Any, Self
@@ -16,7 +15,7 @@ from seaid._progress import counted, field_texts
 from seaid.drives import ParameterName
 from seaid.errors import Finding, listed
 from seaid.report import tables
-from seaid.report.formats import Column, Measured, Table, cut, number, percent, table_of
+from seaid.report.formats import Column, Measured, Table, cut, number, percent, rendered, table_of
 from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
@@ -42,16 +41,23 @@ if TYPE_CHECKING:
 
 
 class Text(str):
-    """A text with tables; `html` has the same content."""
+    """A text with tables; `html` shows its `parts`: rows of a table below its title, or texts.
 
-    html: str
+    The templates that show them are loaded in a notebook only.
+    """
 
-    def __new__(cls, text: str, html: str | None = None) -> Self:
-        """Return the text; without `html` it is a paragraph."""
+    parts: tuple[Any, ...]
+
+    def __new__(cls, text: str, *parts: Any) -> Self:
+        """Return the text; without parts it is a paragraph."""
         made = super().__new__(cls, text)
-        made.html = f'<div style="white-space: pre-wrap">{escape(text)}</div>'
-        made.html = made.html if html is None else html
+        made.parts = parts or (text,)
         return made
+
+    @property
+    def html(self) -> str:
+        """The same content for a notebook."""
+        return str(rendered("notebook.html.j2", parts=self.parts)).strip()
 
     def _repr_html_(self) -> str:
         return self.html
@@ -60,22 +66,7 @@ class Text(str):
 def joined(parts: Iterable[str]) -> Text:
     """Return texts and tables below each other."""
     texts = [part if isinstance(part, Text) else Text(part) for part in parts]
-    return Text("\n".join(texts), "\n".join(part.html for part in texts))
-
-
-def _html(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table in HTML, aligned as in the text."""
-
-    def row(tag: str, cells: Sequence[str]) -> str:
-        sides = ["left", *["right"] * (len(cells) - 1)]
-        texts = zip(sides, cells, strict=True)
-        return "".join(f'<{tag} style="text-align: {s}">{escape(x)}</{tag}>' for s, x in texts)
-
-    body = "".join(f"<tr>{row('td', cells)}</tr>" for cells in rows)
-    caption = f'<caption style="text-align: left">{escape(title.strip())}</caption>'
-    return (
-        f"<table>{caption}<thead><tr>{row('th', header)}</tr></thead><tbody>{body}</tbody></table>"
-    )
+    return Text("\n".join(texts), *(part for text in texts for part in text.parts))
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Text:
@@ -92,7 +83,7 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> T
     text = StringIO()
     Console(file=text, width=400, markup=False, emoji=False).print(drawn)
     lines = [title, *(line.rstrip() for line in text.getvalue().splitlines())]
-    return Text("\n".join(lines), _html(title, header, rows))
+    return Text("\n".join(lines), {"title": title.strip(), "header": header, "rows": rows})
 
 
 def table_text(made: Table, title: str) -> Text:

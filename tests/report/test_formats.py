@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid.report.formats import (
+    Measured,
     number,
     percent,
     powers_of_ten,
     probability,
-    rounded,
     seconds,
     share,
     short,
@@ -37,8 +37,8 @@ from seaid.report.formats import (
 def test_values_end_where_their_error_does(
     value: float, error: float, texts: tuple[str, str]
 ) -> None:
-    found = rounded(value, error, value - 2 * error, value + 2 * error)
-    assert (found.value, found.error) == texts
+    found = Measured(value, error, value - 2 * error, value + 2 * error)
+    assert (found.text("value"), found.text("error")) == texts
 
 
 finite = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-9)
@@ -47,9 +47,9 @@ finite = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda x: x == 0 or abs(x)
 @given(value=finite, relative=st.floats(1e-6, 1e3))
 def test_text_says_the_number_to_a_tenth_of_its_error(value: float, relative: float) -> None:
     error = relative * (abs(value) or 1.0)
-    found = rounded(value, error, value - error, value + error)
-    assert abs(read(found.value) - value) <= 0.051 * error * (1 + 1e-9)
-    assert abs(read(found.error) - error) <= 0.051 * error * (1 + 1e-9)
+    found = Measured(value, error, value - error, value + error)
+    assert abs(read(found.text("value")) - value) <= 0.051 * error * (1 + 1e-9)
+    assert abs(read(found.text("error")) - error) <= 0.051 * error * (1 + 1e-9)
 
 
 def read(text: str) -> float:
