@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
 from importlib import import_module
+from itertools import chain
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args
 
@@ -14,38 +15,28 @@ import seaid
 from seaid.cli.messages import begin, reported
 from seaid.errors import shortened
 
-COMMANDS = {
-    "init": "Write a first project file for a robot and its logs, with each doubt as a comment.",
-    "run": "Identify, validate, report and export the project of the working folder.",
-    "inspect": "Show a robot: tree, drives, base parameters, and the identifiability by sensors.",
-    "view": "Show a robot and its motions in the browser, at the address in the last line.",
-    "excite": "Plan a motion within limits that excites the parameters.",
-    "simulate": "Simulate the robot on a trajectory, and write the log of its sensors.",
-    "describe": "Infer the meaning of custom columns, as a log description in TOML.",
-    "check": "Check units, signs, ratios, gravity and payloads of an experiment before a fit.",
-    "calibrate": "Calibrate a spring or a torque sensor by dead weights, ramps or held poses.",
-    "identify": "Identify drives and bodies from one log or several.",
-    "frequency": "Measure frequency responses of joints: resonance, damping and springs.",
-    "validate": "Identify from some logs, or load a run, and predict the torques of another log.",
-    "replay": "Replay a log by the nominal and by the identified model, and compare their errors.",
-    "compare": "Compare two identifications: which parameters differ significantly.",
-    "report": "Identify, validate, and write the results with their reliability as one HTML page.",
-    "export": "Write the identified robot for a simulator: URDF, MuJoCo, Isaac Lab and others.",
-}
-"""{command: first line of its docstring}; its function has its name, in a module of that name."""
-
 _SECTIONS = {
-    "init": "Project",
-    "inspect": "Robot and motion",
-    "describe": "Logs",
-    "identify": "Identification",
-    "compare": "Results",
+    "Project": ("init", "run"),
+    "Robot and motion": ("inspect", "view", "excite", "simulate"),
+    "Logs": ("describe", "check", "calibrate"),
+    "Identification": ("identify", "frequency", "validate", "replay"),
+    "Results": ("compare", "report", "export"),
 }
-"""{first command: title of a section of the help}."""
+"""{title of a section of the help: its commands}; the function of each is in a module of its name.
+"""
+
+COMMANDS = [*chain(*_SECTIONS.values())]
+
+
+def summary_of(name: str) -> str:
+    """Return the first line of a command's docstring, from its source, which is not imported."""
+    source = Path(__file__).with_name(f"{name}.py").read_text("utf-8")
+    _, _, docstring = source.partition(f"\ndef {name}(")[2].partition('"""')
+    return docstring.partition("\n")[0]
 
 
 class _WordReader:
-    """A command of Typer whose parameters read their words here, if they have readers.
+    """A command of Typer whose parameters read their words by their kinds.
 
     By itself Typer imports pydantic for the first parameter, which takes 0.2 s.
     """
@@ -55,21 +46,21 @@ class _WordReader:
         parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         for parameter in parameters:
             if hasattr(parameter, "_runtime_param"):
-                read = partial(_value, parameter.type_descriptor)
-                parameter._runtime_param = SimpleNamespace(coerce=read)
+                parameter._runtime_param = SimpleNamespace(coerce=_value)
         return parameters
 
 
-def _value(described: Any, words: Any, param: Any, ctx: Any) -> Any:
+def _value(words: Any, param: Any, ctx: Any) -> Any:
     """Return the value of a parameter by its kind or type, a list of one that may be repeated."""
-    hint = described.annotation
-    read = described.parameter_info.parser or (get_args(hint) or [hint])[0]
+    described = param.type_descriptor
+    plain = (get_args(described.annotation) or [described.annotation])[0]
+    read = described.parameter_info.parser or plain
     is_repeated = param.multiple or param.nargs == -1
     every = words or () if is_repeated else [words]
     try:
         values = [read(word) if isinstance(word, str) else word for word in every]
     except ValueError:
-        raise typer.BadParameter(f"'{shortened(str(words))}' is no {read.__name__}") from None
+        raise typer.BadParameter(f"'{shortened(str(words))}' is no {plain.__name__}") from None
     return values if is_repeated else values[0]
 
 
@@ -90,11 +81,9 @@ class _Commands(_WordReader, TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands by sections, without loading them."""
-        names = [*COMMANDS]
-        starts = [names.index(name) for name in _SECTIONS]
-        for title, first, end in zip(_SECTIONS.values(), starts, [*starts[1:], None], strict=True):
+        for title, names in _SECTIONS.items():
             with formatter.section(title):
-                formatter.write_dl([(name, COMMANDS[name]) for name in names[first:end]])
+                formatter.write_dl([(name, summary_of(name)) for name in names])
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Note which command runs, and find it."""

@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 import seaid
-from seaid.cli.commands import COMMANDS, command_of
+from seaid.cli.commands import COMMANDS, command_of, summary_of
 from seaid.cli.messages import error_text
 from seaid.cli.program import main
 from seaid.errors import IdentificationError, LogError, RobotError
@@ -178,7 +178,7 @@ def test_the_help_of_a_command_explains_options_and_teaches_by_examples(command:
     help_text = done(command, "-h").out
     assert help_text == done(command, "--help").out
     assert f"seaid {command} [OPTIONS]" in help_text
-    assert " ".join(help_text.split("\n\n")[1].split()) == COMMANDS[command]
+    assert " ".join(help_text.split("\n\n")[1].split()) == summary_of(command)
     helps = [one.help or "" for one in command_of(command).params]
     assert [text for text in helps if not re.fullmatch(r"[A-Za-z].{6,}[^.,;]\.", text)] == []
     lines = [line.strip() for line in help_text.splitlines() if line.startswith("  seaid ")]
