@@ -19,6 +19,7 @@ import stat
 import sys
 import tempfile
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, is_dataclass
@@ -415,54 +416,39 @@ def _read(
         raise error(f"{where} {wrong}: tables or lists have too many levels") from None
     except ValueError as problem:  # TOML, JSON, UTF-8, or an integer of thousands of digits
         raise error(f"{where} {wrong}: {reason_of(problem)}") from None
-    _check(where, content, error)
+    for place, wrong in _problems(content):
+        raise error(f"{where}: {shortened(place, _LONGEST_PLACE)} {wrong}")
     return content
 
 
-def _check(
-    where: str, value: Any, error: type[SeaidError], place: tuple[str | int, ...] = ()
-) -> None:
-    """Raise `error` naming the first value that is too deep, not finite or not plain data."""
-    problem = _problem(value, len(place))
-    if problem is not None:
-        raise error(f"{where}: {_text(place) or 'it'} {problem}")
-    if isinstance(value, list):
-        for index, entry in enumerate(value):
-            _check(where, entry, error, (*place, index))
-    elif isinstance(value, dict):
-        for key, entry in value.items():
-            _check(where, key, error, place)
-            _check(where, entry, error, (*place, key))
-
-
-def _problem(value: Any, depth: int) -> str | None:
+def _problems(value: Any, place: str = "", depth: int = 0) -> Iterator[tuple[str, str]]:
+    """Yield place, as a.b[2], and fault of what is too deep, not finite or not plain data."""
     match value:
-        case dict() | list():
-            return f"is more than {_MOST_DEPTH} levels deep" if depth >= _MOST_DEPTH else None
-        case str():
-            return "is not Unicode: an unpaired surrogate" if _SURROGATE.search(value) else None
-        case None | bool():
-            return None
-        case int() | float():
-            is_finite = math.isfinite(as_float(value))
-            return None if is_finite else "must be a finite number, of 308 digits at most"
-    return f"must be a number, a text, a list or a table, found {shown(str(value))}"
-
-
-def _text(place: tuple[str | int, ...]) -> str:
-    """Return a place as a.b[2]."""
-    text = ""
-    for part in place:
-        name = part if isinstance(part, str) and _BARE.fullmatch(part) else shown(part)
-        text += f"[{part}]" if isinstance(part, int) else f".{name}" if text else str(name)
-    return shortened(text, _LONGEST_PLACE)
+        case dict() | list() if depth >= _MOST_DEPTH:
+            yield place, f"is more than {_MOST_DEPTH} levels deep"
+        case dict():
+            for key, entry in value.items():
+                yield from _problems(key, place, depth)
+                is_bare = len(key) < _LONGEST_PLACE and _BARE.fullmatch(key)
+                name = key if is_bare else shown(key)
+                yield from _problems(entry, f"{place}.{name}" if place else name, depth + 1)
+        case list():
+            for index, entry in enumerate(value):
+                yield from _problems(entry, f"{place}[{index}]", depth + 1)
+        case str() if _SURROGATE.search(value):
+            yield place or "it", "is not Unicode: an unpaired surrogate"
+        case int() | float() if not math.isfinite(as_float(value)):
+            yield place or "it", "must be a finite number, of 308 digits at most"
+        case None | str() | int() | float():
+            return
+        case _:
+            found = shown(str(value))
+            yield place, f"must be a number, a text, a list or a table, found {found}"
 
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     # Python's reader would take the last of several equal keys without a word.
-    entries = dict(pairs)
-    if len(entries) < len(pairs):
-        seen: set[str] = set()
-        duplicate = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
-        raise ValueError(f"duplicate key {shown(duplicate)} in one object")
-    return entries
+    for key, count in Counter(key for key, _ in pairs).items():
+        if count > 1:
+            raise ValueError(f"duplicate key {shown(key)} in one object")
+    return dict(pairs)

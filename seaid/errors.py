@@ -21,6 +21,7 @@ from typing import (
     Any,
     Literal,
     ParamSpec,
+    Protocol,
     Self,
     SupportsFloat,
     SupportsIndex,
@@ -29,6 +30,7 @@ from typing import (
     get_args,
     get_origin,
     get_type_hints,
+    runtime_checkable,
 )
 
 LONGEST_MESSAGE = 2000
@@ -355,11 +357,11 @@ def _mismatch(function: str, name: str, values: Mapping[str, Any], hints: Mappin
 def _wrong_element(value: Any, parts: Iterable[Any]) -> str:
     """Return the first element of a list or mapping that an annotation does not allow, in words."""
     is_mapping = isinstance(value, Mapping)
-    kind = _is_mapping_of if is_mapping else _is_list_of
-    alike = [part for part in parts if get_args(part) and _kind(part).fits is kind]
+    is_alike = _is_mapping if is_mapping else _is_list
+    alike = [part for part in parts if get_args(part) and is_alike(get_origin(part))]
     elements = value.values() if is_mapping else value if isinstance(value, list | tuple) else ()
     for part, element in product(alike[:1], elements):
-        inner = get_args(part)[1 if is_mapping else 0]
+        inner = get_args(part)[is_mapping]
         if not _fits(element, inner):
             return f" with {_described_value(element)}, which must be {_described(_parts(inner))}"
     return ""
@@ -374,55 +376,6 @@ def _swapped(name: str, values: Mapping[str, Any], hints: Mapping[str, Any]) -> 
 
 
 @dataclass(frozen=True)
-class _Kind:
-    """A kind of annotation.
-
-    `matches` its origin or type; `fits` (value, annotation); `words` (annotation) for messages.
-    """
-
-    matches: Callable[[Any], bool]
-    fits: Callable[[Any, Any], bool]
-    words: Callable[[Any], list[str]]
-
-
-def _kind(hint: Any) -> _Kind:
-    """Return the first kind that matches an annotation."""
-    origin = get_origin(hint) or hint
-    return next(kind for kind in _KINDS if kind.matches(origin))
-
-
-def _fits(value: Any, hint: Any) -> bool:
-    """Return whether a value is one that an annotation allows."""
-    return _kind(hint).fits(value, hint)
-
-
-def _is_list_of(value: Any, hint: Any) -> bool:
-    """Return whether a value is an iterable of what an annotation such as Sequence[str] allows."""
-    if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
-        return False
-    inner = get_args(hint)[0]
-    inner = str if get_origin(inner) is Literal else inner
-    is_plain = get_origin(inner) in (None, *_UNIONS)  # no list within a list
-    elements = value if is_plain and isinstance(value, list | tuple) else ()
-    return all(_fits(element, inner) for element in elements)
-
-
-def _list_words(hint: Any) -> list[str]:
-    """Return the words for a list of what an annotation allows."""
-    inner = get_origin(get_args(hint)[0]) or get_args(hint)[0]
-    plain = {str: "names", Literal: "names", int: "numbers", float: "numbers"}
-    plain |= dict.fromkeys(_UNIONS, "these")
-    return [f"a list of {plain.get(inner) or f'{inner.__name__}s'}"]
-
-
-def _is_mapping_of(value: Any, hint: Any) -> bool:
-    """Return whether a value is a mapping to what an annotation allows; tuples are not compared."""
-    inner = [part for part in get_args(hint)[1:] if get_origin(part) is not tuple]
-    is_mapping = isinstance(value, get_origin(hint) or hint)
-    return is_mapping and all(_fits(entry, part) for part in inner for entry in value.values())
-
-
-@dataclass(frozen=True)
 class Least:
     """The least number that an annotation allows, as `Annotated[int, Least(6)]`."""
 
@@ -433,77 +386,94 @@ Seed = Annotated[int, Least(0)]
 """A seed of random numbers."""
 
 
+@runtime_checkable
+class _HasArray(Protocol):
+    def __array__(self) -> Any: ...
+
+
+_UNIONS = (Union, UnionType)
+_NAMED: dict[str, tuple[Any, str]] = {
+    "int": (SupportsIndex, "a whole number"),
+    "float": (SupportsFloat, "a number"),
+    "bool": (SupportsFloat, "True or False"),
+    "str": (str, "a name"),
+    "NoneType": (NoneType, "None"),
+    "Path": (os.PathLike, "a path"),
+    "ndarray": (Sequence | SupportsFloat | _HasArray, "an array"),
+    "Mapping": (Mapping, "a mapping"),
+}
+"""{name of a type in an annotation: (what a value may be, its words)}; others are their own.
+
+Numbers of NumPy are allowed, and 1 for True."""
+
+
 def _is_open(kind: Any) -> bool:
     """Return whether an annotation is not checked: Any, type variables, protocols."""
     return kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False)
 
 
-def _is_in(library: str) -> Callable[[Any], bool]:
-    return lambda kind: getattr(kind, "__module__", "") == library
+def _is_list(kind: Any) -> bool:
+    """Return whether an annotation is a list of something: no text, array or mapping."""
+    is_builtin = getattr(kind, "__module__", "") in ("builtins", "collections.abc")
+    return is_builtin and kind is not str and hasattr(kind, "__iter__") and not _is_mapping(kind)
 
 
-_UNIONS = (Union, UnionType)
-_WORDS = {int: "a whole number", float: "a number", bool: "True or False", str: "a name"}
-_WORDS |= {NoneType: "None"}
-_KINDS = (
-    _Kind(
-        lambda kind: kind in _UNIONS,
-        lambda value, hint: any(_fits(value, part) for part in get_args(hint)),
-        lambda hint: [word for part in get_args(hint) for word in _kind(part).words(part)],
-    ),
-    _Kind(
-        lambda kind: kind is Annotated,
-        lambda value, hint: _fits(value, get_args(hint)[0]) and value >= get_args(hint)[1].number,
-        lambda hint: [f"{_WORDS[get_args(hint)[0]]} of {get_args(hint)[1].number:g} or more"],
-    ),
-    _Kind(
-        lambda kind: kind is Literal,
-        lambda value, hint: isinstance(value, str) and value in get_args(hint),
-        lambda hint: [f"'{choice}'" for choice in get_args(hint)],
-    ),
-    _Kind(  # numbers of numpy, and 1 for True, are allowed
-        lambda kind: kind in (int, float, bool),
-        lambda value, hint: isinstance(value, SupportsIndex if hint is int else SupportsFloat),
-        lambda hint: [_WORDS[hint]],
-    ),
-    _Kind(lambda kind: kind in _WORDS, isinstance, lambda hint: [_WORDS[hint]]),
-    _Kind(_is_open, lambda value, hint: True, lambda hint: []),
-    _Kind(
-        _is_in("pathlib"),
-        lambda value, hint: isinstance(value, os.PathLike),
-        lambda hint: ["a path"],
-    ),
-    _Kind(
-        _is_in("numpy"),
-        lambda value, hint: (
-            hasattr(value, "__array__") or isinstance(value, Sequence | SupportsFloat)
-        ),
-        lambda hint: ["an array"],
-    ),
-    _Kind(
-        lambda kind: issubclass(kind, Mapping),
-        _is_mapping_of,
-        lambda hint: ["a mapping"],
-    ),
-    _Kind(
-        lambda kind: (
-            kind.__module__ in ("builtins", "collections.abc") and issubclass(kind, Iterable)
-        ),
-        _is_list_of,
-        _list_words,
-    ),
-    _Kind(
-        lambda kind: True,
-        lambda value, hint: isinstance(value, get_origin(hint) or hint),
-        lambda hint: [_with_article((get_origin(hint) or hint).__name__)],
-    ),
-)
+def _is_mapping(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Mapping)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Return whether a value is one that an annotation allows."""
+    kind, inner = get_origin(hint) or hint, get_args(hint)
+    if kind in _UNIONS:
+        return any(_fits(value, part) for part in inner)
+    if kind is Annotated:
+        return _fits(value, inner[0]) and value >= inner[1].number
+    if kind is Literal:
+        return isinstance(value, str) and value in inner
+    if _is_open(kind):
+        return True
+    if _is_list(kind):
+        return _is_list_of(value, inner[0])
+    is_one = isinstance(value, _NAMED.get(kind.__name__, (kind,))[0])
+    if not (is_one and inner and _is_mapping(kind)) or get_origin(inner[1]) is tuple:
+        return is_one
+    return all(_fits(entry, inner[1]) for entry in value.values())
+
+
+def _is_list_of(value: Any, inner: Any) -> bool:
+    """Return whether a value is an iterable of what an annotation allows."""
+    if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
+        return False
+    inner = str if get_origin(inner) is Literal else inner
+    is_plain = get_origin(inner) in (None, *_UNIONS)  # no list within a list
+    elements = value if is_plain and isinstance(value, list | tuple) else ()
+    return all(_fits(element, inner) for element in elements)
+
+
+def _words(hint: Any) -> list[str]:
+    """Return the words for the alternatives of an annotation, none for one that is not checked."""
+    kind, inner = get_origin(hint) or hint, get_args(hint)
+    if kind in _UNIONS:
+        return [*chain(*map(_words, inner))]
+    if kind is Annotated:
+        return [f"{word} of {inner[1].number:g} or more" for word in _words(inner[0])]
+    if kind is Literal:
+        return [f"'{choice}'" for choice in inner]
+    if _is_open(kind):
+        return []
+    if not _is_list(kind):
+        return [_NAMED.get(kind.__name__, (kind, _with_article(kind.__name__)))[1]]
+    element = get_origin(inner[0]) or inner[0]
+    plain = {str: "names", Literal: "names", int: "numbers", float: "numbers"}
+    plain |= dict.fromkeys(_UNIONS, "these")
+    return [f"a list of {plain.get(element) or f'{element.__name__}s'}"]
 
 
 def _described(parts: Iterable[Any]) -> str:
     """Return the alternatives of an annotation in words."""
-    words = list(dict.fromkeys(word for part in parts for word in _kind(part).words(part)))
-    hidden = {"None", _WORDS[str]} if "a path" in words else {"None"}
+    words = list(dict.fromkeys(chain(*map(_words, parts))))
+    hidden = {"None", *_words(str)} if "a path" in words else {"None"}
     words = [word for word in words if word not in hidden]
     return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
