@@ -822,7 +822,7 @@ def _drive_of_encoders(
         return _Drive(None, _doubt("same_values"))
     if np.ptp(joint) < _MOVES[slides]:
         return _Drive(None, _doubt("hardly_moves"))
-    ratio, explained, error = _ratio_with_drift(time, sensors)
+    ratio, explained, error = _ratio(time, sensors)
     spread = float(np.std(motor / ratio - joint))
     values = {"spread": spread, "unit": "m" if slides else "rad", "explained": explained}
     values["backwards"] = _doubt("backwards") * (ratio < -error)
@@ -840,30 +840,20 @@ def _drive_of_encoders(
     return _Drive(table, _doubt("stiff", **values))
 
 
-def _ratio_with_drift(time: Array, sensors: Mapping[str, Array]) -> tuple[float, float, float]:
-    """Return what `_ratio` does, with half of the change between both halves in the error."""
-    names = [x for x in ("motor_position", "joint_position", *_TORQUES) if x in sensors][:3]
-    signals = np.column_stack([sensors[name] for name in names])
-    ratio, explained, error = _ratio(time, signals)
-    halves = zip(np.array_split(time, 2), np.array_split(signals, 2), strict=True)
-    first, second = (_ratio(*half)[0] for half in halves)
-    return ratio, explained, float(np.hypot(error, 0.5 * (first - second)))
-
-
-def _ratio(time: Array, logged: Array) -> tuple[float, float, float]:
+def _ratio(time: Array, sensors: Mapping[str, Array]) -> tuple[float, float, float]:
     """Return the gear ratio, the part of the encoders' difference that is a spring's, and an error.
 
-    The columns of `logged` (T, 2 or 3) are motor, joint and, if there is one, torque. The error is
-    the standard error of the ratio by one sample of the residual, as in `gear_ratio`.
+    The error is the standard error of the ratio by one sample of the residual, as in `gear_ratio`.
 
     motor / N - joint is the torque on the spring over its stiffness, and that is the torque of the
     motor less its inertia and friction, (7): motor = N joint + c_1 torque + c_2 w + c_3 sign(w) +
     c_4 w' + c_5. A current or voltage does as well, since c_1 is free.
     """
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
-    signals = low_pass(logged, rate_hz, _BAND_HZ)
+    names = [x for x in ("motor_position", "joint_position", *_TORQUES) if x in sensors][:3]
+    signals = low_pass(np.column_stack([sensors[name] for name in names]), rate_hz, _BAND_HZ)
     columns = [signals[:, 1], np.ones(len(time))]
-    if logged.shape[1] > 2:
+    if len(names) > 2:
         speed = np.gradient(signals[:, 0], time)
         width = _WIDTH * max(float(np.std(speed)), np.finfo(float).tiny)
         # tanh, because the low pass has rounded the reversals of the torque as well.
