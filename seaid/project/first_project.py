@@ -532,6 +532,9 @@ mean step that is no change, where larger steps count more."""
 _SPRING = 0.5
 """Part of the difference of the encoders that follows the torque from which it is a spring."""
 
+_RATIO_KEYS = {False: "gear_ratio", True: "gear_ratio_rad_per_m"}
+"""{whether a joint slides: key of the ratio of its gear in a table}."""
+
 _MOVES = {False: 0.05, True: 0.005}
 """{whether a joint slides: least range [rad or m] that shows a gear ratio}."""
 
@@ -540,7 +543,6 @@ _BAND_HZ, _WIDTH = 5.0, 0.05
 differ by springs rather than noise; width of the tanh of dry friction over the standard deviation
 of the speed, narrow enough for a step wherever the joint moves."""
 
-_STD = "_std"
 _SAME_RATIO = 0.03
 """Difference of two estimates of a ratio above which neither is taken for the better one."""
 
@@ -588,7 +590,7 @@ def _controlled(robot: Robot, joint: str, logs: Sequence[Log], law: Controller |
         gains["command_velocity_gain_Nms_per_rad"] = gains[_VELOCITY_GAIN]
     return {
         "type": "stiff",
-        _ratio_key(robot, robot.index(joint)): 1.0,
+        _RATIO_KEYS[bool(robot.is_prismatic[robot.index(joint)])]: 1.0,
         "friction": ["viscous", "coulomb", "offset"],
         "motor_input": sent[0],
         "controller": gains,
@@ -675,11 +677,6 @@ def _unscaled(
     return [joint for joint in driven if joint not in sensed]
 
 
-def _ratio_key(robot: Robot, index: int) -> str:
-    """Return the key of the gear ratio in the table of a joint that turns or slides."""
-    return "gear_ratio_rad_per_m" if robot.is_prismatic[index] else "gear_ratio"
-
-
 def inferred_drives(
     robot: Robot, logs: Sequence[Log], without: Sequence[str] = (), guessed: Collection[str] = ()
 ) -> tuple[dict[str, _Table], list[str]]:
@@ -688,13 +685,8 @@ def inferred_drives(
     Nothing is said of the joints `without`; those with counts that are `guessed` have no ratio.
     Numbers that no log shows are gaps, see `filled`.
     """
-    drives = {
-        joint: _inferred_drive(robot, index, logs)
-        for index, joint in enumerate(robot.joint_names)
-        if joint not in without
-    }
-    inferred = {joint: drive.table for joint, drive in drives.items() if drive.table}
-    tables, sizes = _with_confirmed_ratios(robot, logs, inferred, guessed)
+    drives = {x: _inferred_drive(robot, x, logs) for x in robot.joint_names if x not in without}
+    tables, sizes = _with_confirmed_ratios(robot, logs, drives, guessed)
     doubts, shared = list[str](), dict[str, list[str]](no_encoder=[], no_motor=[])
     for joint, drive in drives.items():
         if drive.doubt.code in shared:
@@ -707,39 +699,37 @@ def inferred_drives(
 
 @dataclass(frozen=True)
 class _Drive:
-    """An inferred drive and its doubt; no table if the torque counts as known at the joint."""
+    """An inferred drive and its doubt; no table if the torque counts as known at the joint.
+
+    `key` is that of the ratio, if both encoders show one: next to it stands its standard error.
+    """
 
     table: _Table | None
     doubt: Doubt
+    key: str = ""
 
 
-def _inferred_drive(robot: Robot, index: int, logs: Sequence[Log]) -> _Drive:
+def _inferred_drive(robot: Robot, joint: str, logs: Sequence[Log]) -> _Drive:
     """Return the drive of a joint by its sensors that move in the logs."""
-    sensors = [_moving_sensors(log, robot.joint_names[index]) for log in logs]
-    names, encoded = set[str]().union(*sensors), zip(logs, sensors, strict=True)
-    log, channels = next((pair for pair in encoded if "motor_position" in pair[1]), (None, {}))
-    drive = _spring_without_gear(robot, index, log, channels)
-    if drive is None and log is not None and "joint_position" in channels:
-        drive = _drive_of_encoders(robot, index, log.time, channels)
-    drive = drive or _drive_without_encoder(names, _ratio_key(robot, index))
-    kind = _input(names)
+    moving, j = [_moving_sensors(log, joint) for log in logs], robot.index(joint)
+    sensors, slides = set[str]().union(*moving), bool(robot.is_prismatic[j])
+    encoded = (x for x in zip(logs, moving, strict=True) if "motor_position" in x[1])
+    log, channels = next(encoded, (None, dict[str, Array]()))
+    # The spring of a joint that slides is behind a pulley or a screw, whose radius is its ratio.
+    key = "motor_pulley_radius_m" if slides else "gear_ratio"
+    table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
+    if log is not None and _has_locked_output(log, j, slides):
+        drive = _Drive({**table, key: _GAP}, _doubt("locked_output", key=key))
+    elif robot.drives[joint].is_elastic and "deflection" not in channels:
+        drive = _Drive(table, _doubt("of_deflection", key=key))
+    elif log is not None and "joint_position" in channels:
+        drive = _drive_of_encoders(slides, log.time, channels)
+    else:
+        drive = _drive_without_encoder(sensors, _RATIO_KEYS[slides])
+    kind = _input(sensors)
     if drive.table is not None and kind not in ("", "torque"):
         return replace(drive, table=drive.table | {"motor_input": kind})
     return drive
-
-
-def _spring_without_gear(
-    robot: Robot, index: int, log: Log | None, channels: Mapping[str, Array]
-) -> _Drive | None:
-    """Return a spring whose gear ratio no encoder shows, None if there is no sign of one."""
-    # The spring of a joint that slides is behind a pulley or a screw, whose radius is its ratio.
-    key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
-    table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
-    if log is not None and _has_locked_output(log, index, robot.is_prismatic[index]):
-        return _Drive({**table, key: _GAP}, _doubt("locked_output", key=key))
-    if robot.drives[robot.joint_names[index]].is_elastic and "deflection" not in channels:
-        return _Drive(table, _doubt("of_deflection", key=key))
-    return None
 
 
 def _drive_without_encoder(sensors: Set[str], key: str) -> _Drive:
@@ -755,7 +745,7 @@ def _drive_without_encoder(sensors: Set[str], key: str) -> _Drive:
 
 
 def _with_confirmed_ratios(
-    robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table], guessed: Collection[str]
+    robot: Robot, logs: Sequence[Log], drives: Mapping[str, _Drive], guessed: Collection[str]
 ) -> tuple[dict[str, _Table], dict[str, str]]:
     """Return drive tables with the ratios of `check`, and each ratio as a text {joint: text}.
 
@@ -763,26 +753,24 @@ def _with_confirmed_ratios(
     motor moves. The standard errors go into those of the estimates (`gear_ratio_std`). A ratio with
     a large one, or by counts that are `guessed`, is a gap.
     """
-    keys = {joint: key for joint, table in tables.items() for key in table if _STD in key}
-    better, sizes = {joint: {**table} for joint, table in tables.items()}, dict[str, str]()
+    tables = {joint: drive.table for joint, drive in drives.items() if drive.table}
+    keys, sizes = {x: drives[x].key for x in tables if drives[x].key}, dict[str, str]()
     checks: Mapping[str, JointCheck] = {}
     with suppress(SeaidError):  # logs that fit no drive: run names what is wrong
-        drives = drives_from_mapping(filled(tables))
-        checks = check(robot.with_drives(drives), logs).joints if keys else {}
-    for joint, key_of_error in keys.items():
-        table, key = better[joint], key_of_error.removesuffix(_STD)
-        fit, is_radius = checks.get(joint), "pulley" in key
-        value, error = _confirmed(table[key], table[key_of_error], fit, is_radius)
+        inferred = robot.with_drives(drives_from_mapping(filled(tables)))
+        checks = check(inferred, logs).joints if keys else {}
+    for joint, key in keys.items():
+        table = tables[joint]
+        value, error = _confirmed(table[key], table.pop(f"{key}_std"), checks.get(joint), key)
         # the rotor's inertia behind the gear, N^2 I, has twice as much
         if joint in guessed or error > POOR * value:
             table[key] = _GAP
-            del table[key_of_error]
             code = "of_guessed_counts" if joint in guessed else "undetermined"
             sizes[joint] = _doubt(code, key=key, value=value, error=error)
         else:
-            table[key], table[key_of_error] = _shortest(value, error), float(f"{error:.2g}")
+            table |= {key: _shortest(value, error), f"{key}_std": float(f"{error:.2g}")}
             sizes[joint] = f"{key} = {table[key]:.7g} +- {error:.2g} "
-    return better, sizes
+    return tables, sizes
 
 
 def _shortest(value: float, error: float) -> float:
@@ -790,20 +778,18 @@ def _shortest(value: float, error: float) -> float:
     return next((x for n in range(8) if abs((x := round(value, n)) - value) <= error), value)
 
 
-def _confirmed(
-    value: float, error: float, fit: JointCheck | None, is_radius: bool
-) -> tuple[float, float]:
+def _confirmed(value: float, error: float, fit: JointCheck | None, key: str) -> tuple[float, float]:
     """Return a gear ratio or radius, and its standard error, by the ratio that `check` finds.
 
     A value that it does not confirm stays, and its error is at least the difference.
     """
     if fit is None or not fit.gear_ratio_error > 0:
         return value, error
-    # of a screw, whose gear ratio is 1, the radius goes with its inverse
-    factor = abs(fit.gear_ratio) / (1.0 if is_radius else value)
-    better = value / factor if is_radius else value * factor
-    if abs(factor - 1) < _SAME_RATIO:
-        return better, abs(better) * fit.gear_ratio_error / abs(fit.gear_ratio)
+    ratio = abs(fit.gear_ratio)
+    # The gear ratio of a screw is 1: its radius goes with the inverse of what the check finds.
+    better = value / ratio if "pulley" in key else ratio
+    if abs(ratio / (1.0 if "pulley" in key else value) - 1) < _SAME_RATIO:
+        return better, better * fit.gear_ratio_error / ratio
     return value, max(error, abs(better - value))
 
 
@@ -812,32 +798,30 @@ def _moving_sensors(log: Log, joint: str) -> dict[str, Array]:
     return {name: values for name, values in log.logged(joint).items() if np.ptp(values) > 0}
 
 
-def _drive_of_encoders(
-    robot: Robot, index: int, time: Array, sensors: Mapping[str, Array]
-) -> _Drive:
+def _drive_of_encoders(slides: bool, time: Array, sensors: Mapping[str, Array]) -> _Drive:
     """Return the drive of a joint with two encoders, and the doubt about it."""
     motor, joint = sensors["motor_position"], sensors["joint_position"]
-    slides = robot.is_prismatic[index]
     if np.array_equal(motor, joint):
         return _Drive(None, _doubt("same_values"))
     if np.ptp(joint) < _MOVES[slides]:
         return _Drive(None, _doubt("hardly_moves"))
     ratio, explained, error = _ratio(time, sensors)
-    spread = float(np.std(motor / ratio - joint))
-    values = {"spread": spread, "unit": "m" if slides else "rad", "explained": explained}
+    values: dict[str, Any] = {"explained": explained, "unit": "m" if slides else "rad"}
+    values["spread"] = float(np.std(motor / ratio - joint))
     values["backwards"] = _doubt("backwards") * (ratio < -error)
-    key, ratio = _ratio_key(robot, index), abs(ratio)
-    table: _Table = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
+    key, ratio = _RATIO_KEYS[slides], abs(ratio)
     explains = explained > _SPRING or "deflection" in sensors
+    table: _Table = {"type": "series_elastic" if explains else "stiff"}
     if explains and slides:  # behind a screw, as behind a pulley
-        key, radius = "motor_pulley_radius_m", float(f"{1 / ratio:.5g}")
-        table = {"gear_ratio": 1.0, key: radius, f"{key}_std": radius * error / ratio}
+        table["gear_ratio"] = 1.0
+        key, ratio, error = "motor_pulley_radius_m", 1 / ratio, error / ratio**2
+    table |= {key: float(f"{ratio:.5g}"), f"{key}_std": error}
     if explains:
-        return _Drive({**table, "type": "series_elastic"}, _doubt("spring", **values))
+        return _Drive(table, _doubt("spring", **values), key)
     if "joint_torque" in sensors and "motor_torque" not in sensors:
-        ratio_text = f"{key} = {table[key]} +- {error:.2g}"
-        return _Drive(None, _doubt("torque_sensor", ratio=ratio_text, **values))
-    return _Drive(table, _doubt("stiff", **values))
+        values["ratio"] = f"{key} = {table[key]} +- {error:.2g}"
+        return _Drive(None, _doubt("torque_sensor", **values))
+    return _Drive(table, _doubt("stiff", **values), key)
 
 
 def _ratio(time: Array, sensors: Mapping[str, Array]) -> tuple[float, float, float]:
