@@ -6,7 +6,6 @@ and refused in one way in all commands. Nothing heavy is imported, since it runs
 
 from __future__ import annotations
 
-import os
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -204,32 +203,6 @@ def _in_robot(element: str, after: str = "", commas: bool = False) -> Completer:
     return _completer(values, commas)
 
 
-def files(text: str, suffixes: tuple[str, ...]) -> list[str]:
-    """Return folders and files with these suffixes that begin with a text.
-
-    The content of a folder comes with it if nothing else matches, so that no shell adds a space.
-    """
-    folder, start = os.path.split(text)
-    try:
-        entries = sorted(os.scandir(Path(folder).expanduser()), key=lambda entry: entry.name)
-    except OSError:
-        return []
-    matches = [
-        os.path.join(folder, entry.name) + "/" * entry.is_dir()
-        for entry in entries
-        if entry.name.startswith(start) and (start or not entry.name.startswith("."))
-        if entry.is_dir() or Path(entry.name).suffix.lower() in suffixes
-    ]
-    if len(matches) == 1 and matches[0].endswith("/"):
-        return [matches[0], *files(matches[0], suffixes)]
-    return matches
-
-
-def _read(metavar: str, *suffixes: str) -> Kind:
-    """Return the kind of a file with these suffixes that is read."""
-    return Kind(metavar, completer=lambda ctx, incomplete: files(incomplete, suffixes))
-
-
 def check_suffix(path: Path | str, suffixes: Sequence[str], option: str | None = None) -> None:
     """Raise BadParameter for a result that is not for stdout and has none of the suffixes."""
     if str(path) != "-" and Path(path).suffix.lower() not in suffixes:
@@ -251,23 +224,23 @@ LOGS = (
     *(".csv", ".txt", ".tsv", ".dat", ".npy", ".npz", ".parquet", ".h5", ".hdf5", ".json", ".mat"),
     *(".db3", ".mcap", ".bag", ".hebilog"),
 )
-"""Suffixes of the files that `READERS` of seaid/log/readers/opening.py reads, and that the shell
-offers on TAB without loading the readers; a test compares the two."""
+"""Suffixes of the files that `READERS` of seaid/log/readers/opening.py reads, without loading the
+readers; a test compares the two."""
 SENSORS = (
     *("motor_position", "joint_position", "motor_torque", "motor_current", "motor_voltage"),
     *("joint_torque", "deflection"),
 )
 
-UrdfFile = Annotated[Path, _read("URDF", ".urdf")]
-LogFile = Annotated[Path, _read("LOG", *LOGS)]
-TomlFile = Annotated[Path, _read("TOML", ".toml")]
-JsonFile = Annotated[Path, _read("JSON", ".json")]
-RunFile = Annotated[Path, _read("RUN", ".npz")]
-ResultFile = Annotated[Path, _read("RUN", ".json", ".npz")]
-ModelFile = Annotated[Path, _read("FILE", ".toml", ".urdf", ".xml")]
-TableFile = Annotated[Path, _read("TABLE", *LOGS)]
-ProjectFile = Annotated[Path, _read("[PROJECT]", ".toml")]
-Folder = Annotated[Path, _read("FOLDER")]
+UrdfFile = Annotated[Path, Kind("URDF")]
+LogFile = Annotated[Path, Kind("LOG")]
+TomlFile = Annotated[Path, Kind("TOML")]
+JsonFile = Annotated[Path, Kind("JSON")]
+RunFile = Annotated[Path, Kind("RUN")]
+ResultFile = Annotated[Path, Kind("RUN")]
+ModelFile = Annotated[Path, Kind("FILE")]
+TableFile = Annotated[Path, Kind("TABLE")]
+ProjectFile = Annotated[Path, Kind("[PROJECT]")]
+Folder = Annotated[Path, Kind("FOLDER")]
 
 Page = Annotated[Path, _write("HTML", ".html", ".htm")]
 Plan = Annotated[Path, _write("JSON", ".json")]

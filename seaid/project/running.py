@@ -59,7 +59,6 @@ from seaid.project.first_project import write_first_project
 from seaid.project.project import Options, Project, check_logs, load_project
 from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
 from seaid.report.html_experiment import package_versions
-from seaid.robot import Robot
 from seaid.simulation import ReplayComparison, compare_replays
 
 Test = TypeVar("Test", Validation, ReplayComparison)
@@ -150,9 +149,11 @@ def run_project(
         runs: dict[str, Run] = {}
         for name, fit in fits.items():
             refusals: list[str] = []
-            test = partial(validate, fit)
-            validations = _unseen_results(project, name, test, "validated", refusals)
-            replays = _replayed(project, fit, name, refusals)
+            unseen = _unseen_logs(project, name)
+            validations = _results(unseen, partial(validate, fit), "validated", refusals)
+            moved = unseen if fit.robot.has_controllers else {}
+            replay = partial(compare_replays, fit.known, fit.robot, held_joints=fit.unusable_joints)
+            replays = _results(moved, replay, "replayed", refusals)
             origin = {**provenance, "notes": refusals}
             # Without a folder: it has its name only after the rename.
             runs[name] = Run(fit, validations, origin, None, replays)
@@ -409,11 +410,17 @@ def _identified(
         for name in project.conditions
         for robot in [project.robot(name)]
     }
+    alone = ("method", "refine", "condition_specific")
+    shared = {name: x for name, x in vars(options).items() if name not in alone}
     if len(read) > 1:
-        together = _identify_together(project, read, progress)
+        _check_together(project)
+        specific = options.condition_specific or CONDITION_SPECIFIC
+        together = identify_conditions(
+            read, condition_specific=specific, progress=progress, **shared
+        )
         return dict(together.identifications), together
     ((name, (robot, logs)),) = read.items()
-    fit = identify(robot, logs, method=options.method, progress=progress, **_keywords(options))
+    fit = identify(robot, logs, method=options.method, progress=progress, **shared)
     if options.refine:
         from seaid.identification import refine
 
@@ -421,67 +428,38 @@ def _identified(
     return {name: fit}, None
 
 
-def _identify_together(
-    project: Project, read: Mapping[str, tuple[Robot, Sequence[Log]]], progress: bool
-) -> Conditions:
-    """Identify several conditions together."""
+def _check_together(project: Project) -> None:
+    """Raise SeaidError for options that are for logs of one condition."""
     options, default = project.options, Options()
-    for name in _OF_ONE_CONDITION:
-        if getattr(options, name) != getattr(default, name):
-            raise SeaidError(
-                f"'{project.file}' [identify]: '{name}' is for logs of one condition: remove it, "
-                "or give all logs the same condition"
-            )
-    if options.estimator == "iv":
-        raise SeaidError(f"'{project.file}' [identify]: estimator \"iv\" is for one condition")
-    specific = options.condition_specific or CONDITION_SPECIFIC
-    return identify_conditions(
-        read, condition_specific=specific, progress=progress, **_keywords(options)
-    )
+    alone = [x for x in ("method", "refine") if getattr(options, x) != getattr(default, x)]
+    for name in [*alone, *['estimator = "iv"'] * (options.estimator == "iv")]:
+        raise SeaidError(
+            f"'{project.file}' [identify]: '{name}' is for logs of one condition: remove it, or "
+            "give all logs the same condition"
+        )
 
 
-def _keywords(options: Options) -> dict[str, Any]:
-    """Return the options that one condition and several have, as keyword arguments."""
-    excluded = (*_OF_ONE_CONDITION, "condition_specific")
-    return {name: x for name, x in vars(options).items() if name not in excluded}
-
-
-_OF_ONE_CONDITION = ("method", "refine")
-"""Options that are for logs of one condition."""
-
-
-def _replayed(
-    project: Project, fit: Identification, condition: str, notes: list[str]
-) -> dict[str, ReplayComparison]:
-    """Return {log: replay} of the logs that validate a robot with position commands."""
-    if not fit.robot.has_controllers:
-        return {}
-
-    def moved(log: Log) -> ReplayComparison:
-        return compare_replays(fit.known, fit.robot, log, fit.unusable_joints)
-
-    return _unseen_results(project, condition, moved, "replayed", notes)
-
-
-def _unseen_results(
-    project: Project,
-    condition: str,
-    result_of: Callable[[Log], Test],
-    done: str,
-    notes: list[str],
-) -> dict[str, Test]:
-    """Return {log: result} of the logs that validate; adds a note for each that gives none."""
-    results, robot = {}, project.robot(condition)
+def _unseen_logs(project: Project, condition: str) -> dict[str, Log]:
+    """Return {name: log} of the logs that validate a condition; folders distinguish equal names."""
+    robot = project.robot(condition)
     # A log without a condition validates every one.
     sources = [x for x in project.logs_for("validate") if x.condition in (condition, "")]
     names = [source.name for source in sources]
-    for source in sources:
-        # Folders distinguish logs of one name.
-        whole = os.path.relpath(source.path, project.file.parent)
-        name = source.name if names.count(source.name) == 1 else whole
-        log = source.read(robot)
+    paths = [os.path.relpath(source.path, project.file.parent) for source in sources]
+    return {
+        name if names.count(name) == 1 else path: source.read(robot)
+        for name, path, source in zip(names, paths, sources, strict=True)
+    }
+
+
+def _results(
+    logs: Mapping[str, Log], test: Callable[[Log], Test], done: str, notes: list[str]
+) -> dict[str, Test]:
+    """Return {log: result} of a test; adds a note for each log that gives none."""
+    results = {}
+    for name, log in logs.items():
         try:
-            results[name] = result_of(log)
+            results[name] = test(log)
         except SeaidError as problem:
             notes.append(f"{name} was not {done}: {problem}")
     return results

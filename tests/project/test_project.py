@@ -11,7 +11,7 @@ import pytest
 import seaid
 from seaid.errors import SeaidError
 from seaid.project import load_project, log_at, run_project
-from seaid.project.running import _folder_name, _folder_names, _unseen_results
+from seaid.project.running import _folder_name, _folder_names, _unseen_logs
 from tests import experiments
 from tests.measured import LOGS
 
@@ -231,10 +231,8 @@ def test_logs_of_one_name_validate_each_on_its_own(folder: Path) -> None:
         shutil.copy(folder / "run.npz", folder / name)
     text = '[[log]]\nfile = "{}/run.npz"\ndescription = "columns.toml"\nuse = "validate"\n'
     (folder / "seaid.toml").write_text(PROJECT + text.format("a") + text.format("b"))
-    project, notes = load_project(folder), list[str]()
-    ends = _unseen_results(project, "", lambda log: log.time[-1], "read", notes)
-    assert [*ends] == ["run.npz@20:100", "a/run.npz", "b/run.npz"]
-    assert not notes
+    logs = _unseen_logs(load_project(folder), "")
+    assert [*logs] == ["run.npz@20:100", "a/run.npz", "b/run.npz"]
 
 
 def test_parts_of_logs_on_the_command_line(tmp_path: Path) -> None:
