@@ -19,7 +19,7 @@ from seaid._files import PROJECT_FILE, from_template, read_toml, write_whole
 from seaid._progress import Display
 from seaid.checks import JointCheck
 from seaid.checks.commands import is_unsigned, no_measurements
-from seaid.checks.tolerances import BODY, LARGEST_RATIO, POOR
+from seaid.checks.tolerances import BODY, LARGEST_RATIO, MOST, POOR, SLIGHT
 from seaid.drives import COMMANDS, Controller, SeriesElasticDrive, drive_table, read_drives
 from seaid.drives.terms import MotorInput
 from seaid.drives.toml import drives_from_mapping
@@ -529,9 +529,6 @@ _LEAST_STEPS, _PART_OF_STEP = 20, 0.03
 """Changes of a command below which nothing is said about how long it is held; part of the
 mean step that is no change, where larger steps count more."""
 
-_SPRING = 0.5
-"""Part of the difference of the encoders that follows the torque from which it is a spring."""
-
 _RATIO_KEYS = {False: "gear_ratio", True: "gear_ratio_rad_per_m"}
 """{whether a joint slides: key of the ratio of its gear in a table}."""
 
@@ -542,9 +539,6 @@ _BAND_HZ, _WIDTH = 5.0, 0.05
 """Low pass of the signals from which a gear ratio is inferred, in which robots move and encoders
 differ by springs rather than noise; width of the tanh of dry friction over the standard deviation
 of the speed, narrow enough for a step wherever the joint moves."""
-
-_SAME_RATIO = 0.03
-"""Difference of two estimates of a ratio above which neither is taken for the better one."""
 
 
 def _drives_of_logs(
@@ -788,7 +782,7 @@ def _confirmed(value: float, error: float, fit: JointCheck | None, key: str) -> 
     ratio = abs(fit.gear_ratio)
     # The gear ratio of a screw is 1: its radius goes with the inverse of what the check finds.
     better = value / ratio if "pulley" in key else ratio
-    if abs(ratio / (1.0 if "pulley" in key else value) - 1) < _SAME_RATIO:
+    if abs(ratio / (1.0 if "pulley" in key else value) - 1) < SLIGHT:
         return better, better * fit.gear_ratio_error / ratio
     return value, max(error, abs(better - value))
 
@@ -810,7 +804,7 @@ def _drive_of_encoders(slides: bool, time: Array, sensors: Mapping[str, Array]) 
     values["spread"] = float(np.std(motor / ratio - joint))
     values["backwards"] = _doubt("backwards") * (ratio < -error)
     key, ratio = _RATIO_KEYS[slides], abs(ratio)
-    explains = explained > _SPRING or "deflection" in sensors
+    explains = explained > MOST or "deflection" in sensors
     table: _Table = {"type": "series_elastic" if explains else "stiff"}
     if explains and slides:  # behind a screw, as behind a pulley
         table["gear_ratio"] = 1.0
