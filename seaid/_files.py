@@ -417,7 +417,7 @@ def _read(
     except ValueError as problem:  # TOML, JSON, UTF-8, or an integer of thousands of digits
         raise error(f"{where} {wrong}: {reason_of(problem)}") from None
     for place, wrong in _problems(content):
-        raise error(f"{where}: {shortened(place, _LONGEST_PLACE)} {wrong}")
+        raise error(f"{where}: {shortened(place or 'it', _LONGEST_PLACE)} {wrong}")
     return content
 
 
@@ -426,24 +426,30 @@ def _problems(value: Any, place: str = "", depth: int = 0) -> Iterator[tuple[str
     match value:
         case dict() | list() if depth >= _MOST_DEPTH:
             yield place, f"is more than {_MOST_DEPTH} levels deep"
-        case dict():
-            for key, entry in value.items():
-                yield from _problems(key, place, depth)
-                is_bare = len(key) < _LONGEST_PLACE and _BARE.fullmatch(key)
-                name = key if is_bare else shown(key)
-                yield from _problems(entry, f"{place}.{name}" if place else name, depth + 1)
-        case list():
-            for index, entry in enumerate(value):
-                yield from _problems(entry, f"{place}[{index}]", depth + 1)
+        case dict() | list():
+            for entry_place, entry in _entries(value, place):
+                yield from _problems(entry, entry_place, depth + 1)
         case str() if _SURROGATE.search(value):
-            yield place or "it", "is not Unicode: an unpaired surrogate"
+            yield place, "is not Unicode: an unpaired surrogate"
         case int() | float() if not math.isfinite(as_float(value)):
-            yield place or "it", "must be a finite number, of 308 digits at most"
+            yield place, "must be a finite number, of 308 digits at most"
         case None | str() | int() | float():
             return
         case _:
             found = shown(str(value))
             yield place, f"must be a number, a text, a list or a table, found {found}"
+
+
+def _entries(value: dict[str, Any] | list[Any], place: str) -> Iterator[tuple[str, Any]]:
+    """Yield the entries of a table or list with their places, and keys with that of the table."""
+    if isinstance(value, list):
+        yield from ((f"{place}[{index}]", entry) for index, entry in enumerate(value))
+        return
+    for key, entry in value.items():
+        yield place, key
+        is_bare = len(key) < _LONGEST_PLACE and _BARE.fullmatch(key)
+        name = key if is_bare else shown(key)
+        yield f"{place}.{name}" if place else name, entry
 
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -406,6 +406,10 @@ _NAMED: dict[str, tuple[Any, str]] = {
 
 Numbers of NumPy are allowed, and 1 for True."""
 
+_ELEMENTS = {str: "names", Literal: "names", int: "numbers", float: "numbers"}
+_ELEMENTS |= dict.fromkeys(_UNIONS, "these")
+"""{annotation of the elements of a list: their words}."""
+
 
 def _is_open(kind: Any) -> bool:
     """Return whether an annotation is not checked: Any, type variables, protocols."""
@@ -431,14 +435,21 @@ def _fits(value: Any, hint: Any) -> bool:
         return _fits(value, inner[0]) and value >= inner[1].number
     if kind is Literal:
         return isinstance(value, str) and value in inner
-    if _is_open(kind):
-        return True
+    return _is_open(kind) or _is_instance(value, kind, inner)
+
+
+def _is_instance(value: Any, kind: Any, inner: Sequence[Any]) -> bool:
+    """Return whether a value is of a type, and what is in it of those in its brackets."""
     if _is_list(kind):
         return _is_list_of(value, inner[0])
-    is_one = isinstance(value, _NAMED.get(kind.__name__, (kind,))[0])
-    if not (is_one and inner and _is_mapping(kind)) or get_origin(inner[1]) is tuple:
-        return is_one
-    return all(_fits(entry, inner[1]) for entry in value.values())
+    is_kind = isinstance(value, _NAMED.get(kind.__name__, (kind,))[0])
+    return is_kind and (not _is_mapping(kind) or _has_entries(value, inner[1:]))
+
+
+def _has_entries(value: Mapping[Any, Any], inner: Sequence[Any]) -> bool:
+    """Return whether a mapping is one to what an annotation allows; tuples are not compared."""
+    parts = [part for part in inner if get_origin(part) is not tuple]
+    return all(_fits(entry, part) for part in parts for entry in value.values())
 
 
 def _is_list_of(value: Any, inner: Any) -> bool:
@@ -465,9 +476,7 @@ def _words(hint: Any) -> list[str]:
     if not _is_list(kind):
         return [_NAMED.get(kind.__name__, (kind, _with_article(kind.__name__)))[1]]
     element = get_origin(inner[0]) or inner[0]
-    plain = {str: "names", Literal: "names", int: "numbers", float: "numbers"}
-    plain |= dict.fromkeys(_UNIONS, "these")
-    return [f"a list of {plain.get(element) or f'{element.__name__}s'}"]
+    return [f"a list of {_ELEMENTS.get(element, f'{element.__name__}s')}"]
 
 
 def _described(parts: Iterable[Any]) -> str:

@@ -709,21 +709,28 @@ def _inferred_drive(robot: Robot, joint: str, logs: Sequence[Log]) -> _Drive:
     sensors, slides = set[str]().union(*moving), bool(robot.is_prismatic[j])
     encoded = (x for x in zip(logs, moving, strict=True) if "motor_position" in x[1])
     log, channels = next(encoded, (None, dict[str, Array]()))
-    # The spring of a joint that slides is behind a pulley or a screw, whose radius is its ratio.
-    key = "motor_pulley_radius_m" if slides else "gear_ratio"
-    table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
-    if log is not None and _has_locked_output(log, j, slides):
-        drive = _Drive({**table, key: _GAP}, _doubt("locked_output", key=key))
-    elif robot.drives[joint].is_elastic and "deflection" not in channels:
-        drive = _Drive(table, _doubt("of_deflection", key=key))
-    elif log is not None and "joint_position" in channels:
+    drive = _spring_without_gear(robot, j, log, channels)
+    if drive is None and log is not None and "joint_position" in channels:
         drive = _drive_of_encoders(slides, log.time, channels)
-    else:
-        drive = _drive_without_encoder(sensors, _RATIO_KEYS[slides])
+    drive = drive or _drive_without_encoder(sensors, _RATIO_KEYS[slides])
     kind = _input(sensors)
     if drive.table is not None and kind not in ("", "torque"):
         return replace(drive, table=drive.table | {"motor_input": kind})
     return drive
+
+
+def _spring_without_gear(
+    robot: Robot, index: int, log: Log | None, channels: Mapping[str, Array]
+) -> _Drive | None:
+    """Return a spring whose gear ratio no encoder shows, None if there is no sign of one."""
+    # The spring of a joint that slides is behind a pulley or a screw, whose radius is its ratio.
+    key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
+    table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
+    if log is not None and _has_locked_output(log, index, robot.is_prismatic[index]):
+        return _Drive({**table, key: _GAP}, _doubt("locked_output", key=key))
+    if robot.drives[robot.joint_names[index]].is_elastic and "deflection" not in channels:
+        return _Drive(table, _doubt("of_deflection", key=key))
+    return None
 
 
 def _drive_without_encoder(sensors: Set[str], key: str) -> _Drive:
@@ -805,7 +812,7 @@ def _drive_of_encoders(slides: bool, time: Array, sensors: Mapping[str, Array]) 
     values["backwards"] = _doubt("backwards") * (ratio < -error)
     key, ratio = _RATIO_KEYS[slides], abs(ratio)
     explains = explained > MOST or "deflection" in sensors
-    table: _Table = {"type": "series_elastic" if explains else "stiff"}
+    table: _Table = {"type": ("stiff", "series_elastic")[explains]}
     if explains and slides:  # behind a screw, as behind a pulley
         table["gear_ratio"] = 1.0
         key, ratio, error = "motor_pulley_radius_m", 1 / ratio, error / ratio**2
