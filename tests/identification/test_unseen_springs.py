@@ -258,7 +258,7 @@ def test_simulated_angles_that_diverge_are_no_fault_of_a_column(robot: Robot) ->
     log = simulated(replace(ANYDRIVE, highest_hz=0.8), 12.0)
     motion = reconstruct_motion(robot, with_rigid_angles(robot, log, ["arm"]), 2.0)
     far = replace(motion, joint_position=1e14 + motion.joint_position)
-    with pytest.raises(IdentificationError, match="simulated angles .* diverge"):
+    with pytest.raises(IdentificationError, match=r"simulated angles .* diverge"):
         with_angles(robot, log, [far], ["arm"])
 
 
