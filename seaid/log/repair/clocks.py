@@ -248,10 +248,8 @@ def clock_line(clock: Array, reference: Array) -> ClockLine:
     difference = clock - reference
     blocks = np.array_split(np.arange(len(clock)), min(_BLOCKS, len(clock)))
     at, apart = (np.array([np.median(x[part]) for part in blocks]) for x in (reference, difference))
-    drift, low, high = 0.0, 0.0, 0.0
     with np.errstate(invalid="ignore"):  # no interval of differences of which most are equal
-        if np.ptp(at) > 0:
-            drift, _, low, high = theilslopes(apart, at)
+        drift, _, low, high = theilslopes(apart, at) if np.ptp(at) > 0 else np.zeros(4)
     middle = float(np.median(reference))
     detrended = difference - drift * (reference - middle)
     # At the middle of the log, where the errors of offset and slope are nearly uncorrelated.
@@ -375,8 +373,7 @@ def repaired_group(group: Sequence[Channel], report: Report) -> RepairedClock:
         ),
     ]
     for kind, rows, action in faults:
-        before = np.maximum(np.asarray(rows, dtype=np.intp) - 1, 0)
-        report.add(name, kind, raw, before, action)
+        report.add(name, kind, raw, np.maximum(np.asarray(rows, dtype=np.intp) - 1, 0), action)
     # Repeated stamps with equal values are copies; those with other values are samples at a time
     # that is not known, and only these count for the limit.
     changes = np.diff(values[clock.rows], axis=0, prepend=np.nan)  # NaN differs from any value
