@@ -35,6 +35,7 @@ from seaid.drives import read_drives
 from seaid.errors import RobotError, SeaidError
 from seaid.log import Repairs
 from seaid.log.description import description_for
+from seaid.log.long_log import iterate_log
 from seaid.project.saved import _checksum
 from seaid.regressor import actuator_regression
 from seaid.robot import Robot
@@ -398,7 +399,8 @@ def _read_every_way(path: Path, robot: Robot, description: Any) -> None:
     """Read a log in all ways there are; raise the last refusal where none takes it."""
 
     def in_pieces() -> None:
-        for part in seaid.open_long_log(path, robot, chunk_samples=150).parts():
+        log = seaid.open_long_log(path, robot, chunk_samples=150)
+        for part in iterate_log(path, robot, log.chunk_samples, log.overlap_samples):
             _check_log(part.log)
 
     refusals = []
