@@ -255,11 +255,10 @@ class LogDescription(Display):
         return f"joints {listed(self.joints, MOST_NAMES)}: {columns}"
 
     def __post_init__(self) -> None:
-        copied = {joint: FrozenMapping(sources) for joint, sources in self.joints.items()}
-        object.__setattr__(self, "joints", FrozenMapping(copied))
-        links = {link: FrozenMapping(sources) for link, sources in self.contacts.items()}
+        for name in ("joints", "contacts"):
+            tables = {owner: FrozenMapping(x) for owner, x in getattr(self, name).items()}
+            object.__setattr__(self, name, FrozenMapping(tables))
         object.__setattr__(self, "base", FrozenMapping(self.base))
-        object.__setattr__(self, "contacts", FrozenMapping(links))
 
     @property
     def tables(self) -> Tables:
@@ -531,9 +530,11 @@ def _source(where: str, row: Quantity, value: Any) -> Source:
 
 _ONLY_OF: dict[str, Collection[str]] = {
     "frame": [name for name, row in OF_BASE.items() if row.frame],
+    "side": [x for x, row in OF_JOINTS.items() if row.is_position or x.endswith("_torque")],
     **{"order": ("orientation",), "above": ("contact",), "unknown": ("contact",)},
+    "servo": ("motor_voltage",),
 }
-"""{key of a vector: the quantities that have it}."""
+"""{key: the quantities that have it}, of keys that not all have."""
 
 
 def _expanded(where: str, value: Any) -> tuple[str, ...]:
@@ -563,7 +564,6 @@ def _check_source(where: str, row: Quantity, source: Source) -> None:
         f"has {count} columns, needs {row.width}": (
             count > row.width or 0 < count * is_whole < row.width
         ),
-        "servo gives a motor_voltage only": source.servo and row.name != "motor_voltage",
         unknown_name("unit of this quantity", unit, units): unit not in (None, *units),
         "unit 'counts' and counts_per_turn (or counts_per_m) go together": (
             (unit == "counts") != (counts.count(None) == 1)
@@ -575,9 +575,6 @@ def _check_source(where: str, row: Quantity, source: Source) -> None:
         f"sign must be 1 or -1, found {source.sign}": source.sign not in (1, -1),
         "wraps is a constant period: times must be a number, not a column": (
             source.wraps is not None and isinstance(source.times, str)
-        ),
-        "only positions and torques have a side of the gear": (
-            source.side is not None and (row.is_command or row.kind not in ("position", "torque"))
         ),
     }
     for fault, is_there in faults.items():

@@ -522,15 +522,13 @@ def _in_own_frame(quantity: str, frame: str, values: Array, R: Array, robot: Rob
     """Return a vector (T, 3) in the frame of `BaseLog`; R (T, 3, 3) turns the base to the world."""
     base, gravity = robot.floating_base, robot.model.gravity.linear
     assert base is not None
-    imu = base.imu_placement[0]
     if quantity == "velocity":
         return np.asarray(np.einsum("tij,tj->ti", R, values))
-    if frame == "world":
-        # f = R^T (a - g): `tji` transposes R, and `@ imu` is imu^T, into the axes of the IMU.
-        down = gravity if quantity == "acceleration" else 0.0
-        return np.asarray(np.einsum("tji,tj->ti", R, values - down) @ imu)
-    # a - R^T g: gravity as a row times R is R^T g, in the axes of the base.
-    return np.asarray((values - gravity @ R) @ imu)
+    # f = R^T (a - g) = R^T a - R^T g: `tji` transposes R, and gravity as a row times R is R^T g.
+    turned = np.einsum("tji,tj->ti", R, values) if frame == "world" else values
+    down = gravity @ R if quantity == "acceleration" else 0.0
+    # `@ imu` is imu^T, into the axes of the IMU.
+    return np.asarray((turned - down) @ base.imu_placement[0])
 
 
 def _check_turnable(turned: Sequence[str], picked: Mapping[str, Array], robot: Robot) -> None:
