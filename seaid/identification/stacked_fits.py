@@ -31,13 +31,12 @@ from seaid.estimation.fitting import Rows
 from seaid.estimation.parameters import Constraints, shared_columns, shared_parameters
 from seaid.estimation.qr_factor import QRFactor, triangle
 from seaid.regressor import Regression
-from seaid.regressor.load import LoadModel
 from seaid.regressor.regression import spring_regressor
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
-    from seaid.identification.datasets import Dataset
-    from seaid.log import Motion
+    from seaid.log import LongLog, Motion
+    from seaid.regressor.load import LoadModel
 
 LOAD = "load side (8)"
 """Key of the load side among equations named by joint."""
@@ -329,7 +328,7 @@ class SensorErrors(Protocol):
     def covariance(self) -> Array:
         """The covariance (k, k) of the errors."""
 
-    def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
+    def removed(self, datasets: Sequence[Motion | LongLog]) -> list[Motion]:
         """Return the motions without the errors."""
 
     def findings(self) -> Iterable[Finding]:
