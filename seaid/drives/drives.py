@@ -281,6 +281,10 @@ def _check_values(drive: Drive) -> None:
         check_name("known parameter", name, names, RobotError)
         if name not in drive.values:
             raise RobotError(f"known names '{name}', but it has no value")
+    _check_std(drive)
+
+
+def _check_std(drive: Drive) -> None:
     constants = [name for name in CONSTANTS if getattr(drive, name, None) is not None]
     if drive.controller is not None and drive.command_delay_s is None:
         constants.append("command_delay_s")  # of an unknown delay, about zero

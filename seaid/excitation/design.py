@@ -395,13 +395,7 @@ def design_excitation(
     outcome, best_start = search(
         problem, starts, iterations, seed, executor=executor, progress=progress
     )
-    if outcome.early:
-        warnings.warn(
-            f"the search for an excitation ended early: {outcome.early}; the motion keeps all "
-            f"limits, its {problem.measure.meaning} is {np.exp(outcome.value):.4g}",
-            SeaidWarning,
-            stacklevel=3,
-        )
+    _warn_if_early(outcome, problem.measure.meaning)
     return _excitation(cold, problem, outcome, best_start, base, bounds)
 
 
@@ -511,3 +505,13 @@ def _samples(target: Target, size: int, samples: int | None) -> int:
             f"give at least {needed}"
         )
     return int(samples)
+
+
+def _warn_if_early(outcome: Outcome, meaning: str) -> None:
+    if outcome.early:
+        warnings.warn(
+            f"the search for an excitation ended early: {outcome.early}; the motion keeps all "
+            f"limits, its {meaning} is {np.exp(outcome.value):.4g}",
+            SeaidWarning,
+            stacklevel=4,
+        )

@@ -434,9 +434,9 @@ def scaled_target(
     return replace(target, column_scale=scale)
 
 
-def previous_logs_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array | None:
+def previous_logs_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
     """Return the factor (., columns) of previous logs at their cutoffs, scaled as the target."""
-    factor = None
+    factor = np.empty((0, len(target.names)))
     for log in logs:
         motion = reconstruct_motion(robot, log)
         picked = row_samples(motion)

@@ -176,9 +176,7 @@ def frequency_response(
 
     spectra = read(records)
     fit = fitted(spectra, nominal, robot, picked)
-    # Friction at standstill is that of the fit before, if motors stick.
-    sticks = spectra.is_periodic and np.any(fit.joints.dry > 0)
-    for _ in range(_STICK_ROUNDS if sticks else 0):
+    for _ in range(_stick_rounds(spectra, fit)):
         spectra = read([sticking_sign(record, picked, fit) for record in records])
         fit = refitted(spectra, fit)
     identified, others = None, dict[str, Estimate]()
@@ -186,11 +184,20 @@ def frequency_response(
         identified = linearised(identification.robot, posture, picked)
         others = dict(identification.drive_side)
     result = _response(robot, picked, records, spectra, fit, identified, period_s)
-    findings = list(_findings(result, fit, spectra, nominal, robot, rate))
+    findings = _findings(result, fit, spectra, nominal, robot, rate)
+    return replace(result, warnings=by_severity([*findings, *_disagreements(result, others)]))
+
+
+def _stick_rounds(spectra: Spectra, fit: Fit) -> int:
+    """Return how often friction at standstill is that of the fit before: motors have to stick."""
+    return _STICK_ROUNDS if spectra.is_periodic and np.any(fit.joints.dry > 0) else 0
+
+
+def _disagreements(result: FrequencyResponse, others: Mapping[str, Estimate]) -> Iterator[Finding]:
+    """Yield the stiffnesses that other estimates have otherwise."""
     for joint, estimate in result.drives.items():
         if joint in others and "stiffness" in others[joint].names:
-            findings += predictions.stiffness_disagrees(joint, estimate, others[joint])
-    return replace(result, warnings=by_severity(findings))
+            yield from predictions.stiffness_disagrees(joint, estimate, others[joint])
 
 
 def _response(

@@ -135,7 +135,8 @@ def notices_of(
     """
     every = [
         *result.warnings,
-        *(finding for x in (*(run.result for run in runs), *replays) for finding in x.warnings),
+        *(finding for run in runs for finding in run.result.warnings),
+        *(finding for replay in replays for finding in replay.warnings),
         *(Finding("not-validated", text, severity="doubtful") for text in notes),
         *_about_validations(runs),
         *_notes(result),

@@ -268,15 +268,7 @@ def plant_of(robot: Robot) -> Plant:
     order = robot.joint_order
     names = [robot.joint_names[index] for index in order]
     drives = [robot.drives[name] for name in names]
-    by_drive, functions = [], []
-    for index, (name, drive) in enumerate(zip(names, drives, strict=True)):
-        try:
-            by_drive.append(_numbers(drive))
-            if not is_plain(drive):
-                functions.append((index, drive_functions(drive)))
-        except RobotError as problem:
-            raise problem.at(f"joint '{name}'") from None
-    numbers = {name: np.array([each[name] for each in by_drive]) for name in by_drive[0]}
+    numbers, functions = _terms_of(names, drives)
     elastic = numbers["elastic"]
     # C is in the order of the robot; the plant has that of the model on both sides
     C = robot.transmission[np.ix_(order, order)]
@@ -294,7 +286,7 @@ def plant_of(robot: Robot) -> Plant:
         model=model,
         drives=tuple(drives),
         **numbers,
-        functions=tuple(functions),
+        functions=functions,
         longest_step=np.inf,
         coupling=C if is_coupled else None,
         ratios=ratios,
@@ -302,6 +294,21 @@ def plant_of(robot: Robot) -> Plant:
         expansion=(E, e) if robot.dependent_joints else None,
     )
     return replace(plant, longest_step=_longest_step(names, plant))
+
+
+def _terms_of(
+    names: Sequence[str], drives: Sequence[Drive]
+) -> tuple[dict[str, Array], tuple[tuple[int, DriveFunctions], ...]]:
+    """Return the numbers (n,) of drives by the fields of `Plant`, and the `functions` of others."""
+    rows, functions = [], []
+    for index, (name, drive) in enumerate(zip(names, drives, strict=True)):
+        try:
+            rows.append(_numbers(drive))
+            if not is_plain(drive):
+                functions.append((index, drive_functions(drive)))
+        except RobotError as problem:
+            raise problem.at(f"joint '{name}'") from None
+    return {key: np.array([row[key] for row in rows]) for key in rows[0]}, tuple(functions)
 
 
 _PLAIN = {"viscous": "viscous_friction", "coulomb": "coulomb_friction", "linear": "stiffness"}
