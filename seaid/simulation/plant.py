@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
+from itertools import chain
 
 import numpy as np
 import pinocchio as pin
@@ -268,7 +269,8 @@ def plant_of(robot: Robot) -> Plant:
     order = robot.joint_order
     names = [robot.joint_names[index] for index in order]
     drives = [robot.drives[name] for name in names]
-    numbers, functions = _terms_of(names, drives)
+    rows, functions = zip(*map(_of_drive, range(robot.n), names, drives), strict=True)
+    numbers = {key: np.array([row[key] for row in rows]) for key in rows[0]}
     elastic = numbers["elastic"]
     # C is in the order of the robot; the plant has that of the model on both sides
     C = robot.transmission[np.ix_(order, order)]
@@ -286,7 +288,7 @@ def plant_of(robot: Robot) -> Plant:
         model=model,
         drives=tuple(drives),
         **numbers,
-        functions=functions,
+        functions=tuple(chain(*functions)),
         longest_step=np.inf,
         coupling=C if is_coupled else None,
         ratios=ratios,
@@ -296,19 +298,14 @@ def plant_of(robot: Robot) -> Plant:
     return replace(plant, longest_step=_longest_step(names, plant))
 
 
-def _terms_of(
-    names: Sequence[str], drives: Sequence[Drive]
-) -> tuple[dict[str, Array], tuple[tuple[int, DriveFunctions], ...]]:
-    """Return the numbers (n,) of drives by the fields of `Plant`, and the `functions` of others."""
-    rows, functions = [], []
-    for index, (name, drive) in enumerate(zip(names, drives, strict=True)):
-        try:
-            rows.append(_numbers(drive))
-            if not is_plain(drive):
-                functions.append((index, drive_functions(drive)))
-        except RobotError as problem:
-            raise problem.at(f"joint '{name}'") from None
-    return {key: np.array([row[key] for row in rows]) for key in rows[0]}, tuple(functions)
+def _of_drive(
+    index: int, name: str, drive: Drive
+) -> tuple[dict[str, float], list[tuple[int, DriveFunctions]]]:
+    """Return the numbers of a drive by the fields of `Plant`, and its functions if it has any."""
+    try:
+        return _numbers(drive), [] if is_plain(drive) else [(index, drive_functions(drive))]
+    except RobotError as problem:
+        raise problem.at(f"joint '{name}'") from None
 
 
 _PLAIN = {"viscous": "viscous_friction", "coulomb": "coulomb_friction", "linear": "stiffness"}
