@@ -296,11 +296,10 @@ def _gear(log: Log, joint: str) -> tuple[float, bool] | None:
     A deflection is in proportion to the torque. A torque that is measured behind the gear has
     neither friction nor rotor in it, so that no drive is missing.
     """
-    if joint not in log.joint_names:
-        return None
     j = log.joint_names.index(joint)
-    motor, position = log.motor_position[:, j], log.joint_position[:, j]
-    torque = log.motor_torque[:, j]
+    motor, position, torque = (
+        x[:, j] for x in (log.motor_position, log.joint_position, log.motor_torque)
+    )
     moved = float(np.std(position))
     if not np.all(np.isfinite([motor, position])) or not 0 < tol.TWICE * moved <= np.std(motor):
         return None
@@ -420,8 +419,6 @@ def _is_locked(drive: Drive, log: Log, joint: str) -> bool:
 
     An encoder that does not change while the motor moves further is a dead channel.
     """
-    if joint not in log.joint_names:
-        return False
     j = log.joint_names.index(joint)
     motor, output = log.motor_position[:, j], log.joint_position[:, j]
     if not np.all(np.isfinite([motor, output])) or is_constant(motor):

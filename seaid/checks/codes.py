@@ -86,22 +86,23 @@ class Code:
         joint: str = "",
         severity: Severity = "doubtful",
         evidence: Mapping[str, float] = FrozenMapping({}),
-        remedy: str = "",
+        remedy: str | None = None,
         certainty: Certainty = "likely",
         joints: tuple[str, ...] = (),
     ) -> Finding:
         """Return a finding of this code; the arguments are the attributes of `Finding`.
 
-        The joint is the only one of `joints` unless it is named.
+        The joint is the only one of `joints` unless it is named, and the remedy is the advice of
+        the code unless there is one of the case.
         """
-        joint = joint or only_joint(joints)
+        joint, remedy = joint or only_joint(joints), self.advice if remedy is None else remedy
         return Finding(self.name, message, joint, severity, evidence, remedy, certainty, joints)
 
     wrong = partialmethod(finding, severity="wrong")
     """Return a `finding` by which the result is not to be used."""
 
-    note = partialmethod(finding, severity="note", certainty="certain")
-    """Return a `finding` for information: by default what is certain and no mistake."""
+    note = partialmethod(finding, severity="note", certainty="certain", remedy="")
+    """Return a `finding` for information: by default what is certain and needs no remedy."""
 
 
 def _codes() -> Mapping[str, Code]:
@@ -298,9 +299,8 @@ def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[
     offset of them would spoil the repaired result.
     """
     wrong = [finding for finding in setup if is_wrong([finding])]
-    return notes_beside(
-        wrong, findings, any(not x.joint or x.certainty == "certain" for x in wrong)
-    )
+    is_whole = any(not cause.joint or cause.certainty == "certain" for cause in wrong)
+    return notes_beside(wrong, findings, is_whole)
 
 
 def notes_beside(
@@ -391,12 +391,7 @@ def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> lis
     echoes["nonlinear-spring"] = weak | loose
     minor = {**dict.fromkeys(_ECHOES, exact), **_beside_few_rows(findings)}
     kept = (x for x in findings if x.severity == "wrong" or x.joint not in echoes.get(x.code, ()))
-    matter = [
-        replace(finding, severity="note")
-        if finding.joint in minor.get(finding.code, ())
-        else finding
-        for finding in kept
-    ]
+    matter = [replace(x, severity="note") if x.joint in minor.get(x.code, ()) else x for x in kept]
     return [*map(partial(_among, findings=matter), matter)]
 
 

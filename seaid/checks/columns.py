@@ -451,14 +451,12 @@ def included_term(trial: engine.Trial) -> Finding:
     """Return the note that a term was added to a drive whose friction nobody named."""
     candidate, comparison, values = trial.candidate, trial.comparison, trial.alternative.values
     width = "".join(f" over {value:.2g} rad/s" for value in values.values())
-    return CODES["missing-term"].finding(
+    return CODES["missing-term"].note(
         f"friction of {candidate.joint}, of which the drive names no terms: "
         f"'{candidate.term}'{width} is included and explains {comparison.explained:.0%} of the "
         "squared residual; name the terms in friction = [...] to decide it",
         candidate.joint,
-        "note",
-        {**comparison.evidence, **values},
-        certainty="certain",
+        evidence={**comparison.evidence, **values},
     )
 
 

@@ -514,11 +514,7 @@ _LOST = 1e-6
 
 
 def compared_candidates(
-    equation: Equation,
-    candidates: Iterable[Candidate],
-    asked: int,
-    *,
-    least_bic: float | None = None,
+    equation: Equation, candidates: Iterable[Candidate], asked: int, least_bic: float | None = None
 ) -> list[Trial]:
     """Return every candidate that has columns at the best point of its grid, in their order.
 

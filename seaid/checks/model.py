@@ -77,7 +77,6 @@ def _is_another_set_up(
         f"zeros that each log may have; {differing} differ most, by {sizes} standard errors",
         joint * side.is_motor,
         evidence={"explained": explained, "standard errors": float(np.max(scores))},
-        remedy=CODES["logs-differ"].advice,
     )
 
 

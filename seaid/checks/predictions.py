@@ -35,7 +35,6 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
         joint,
         "wrong" if error > NOTHING else "doubtful",
         {"error": error, "over that in the own logs": ratio},
-        CODES["unseen-motion"].advice,
     )
 
 
@@ -115,8 +114,7 @@ def replay_worse(
             joint,
             "wrong" if is_closed and not joint else "doubtful",
             {"ratio": ratio},
-            CODES["replay-worse"].advice,
-            "likely" if joint else "certain" if is_closed else "possible",
+            certainty="likely" if joint else "certain" if is_closed else "possible",
         )
 
 
@@ -139,7 +137,6 @@ def worse_than_start(reason: str, evidence: Mapping[str, float]) -> Finding:
         f"refine returns the values of its start, because {reason}: the model lacks an effect that "
         "the simulation of the joints accumulates, or the log is another one",
         evidence=evidence,
-        remedy=CODES["worse-than-start"].advice,
     )
 
 
@@ -208,8 +205,7 @@ def noisy_springs(unexplained: Mapping[str, float]) -> Iterator[Finding]:
         if part > MOST:
             yield CODES["motor-side"].finding(
                 f"{part:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
-                "not explained: its stiffness and load may be wrong by more than their intervals; "
-                "load this spring more (a larger motion, a test mass), or log the joint position",
+                "not explained: its stiffness and load may be wrong by more than their intervals",
                 joint,
                 evidence={"unexplained": part},
             )
@@ -247,11 +243,7 @@ def hidden_springs(
 
 
 def unseen_resonance(
-    joint: str,
-    spring: Estimate,
-    expected_hz: float,
-    band_hz: tuple[float, float, float],
-    noise: float,
+    joint: str, spring: Estimate, expected_hz: float, band_hz: Sequence[float], noise: float
 ) -> Iterator[Finding]:
     """Yield that the response of a joint does not show its `spring`, and what would.
 
@@ -305,7 +297,6 @@ def wrong_minimum(lack_of_fit: float) -> Finding:
         f"{lack_of_fit:.3g} times as large as what does not; the search may have ended in a wrong "
         "minimum, or links or gears are elastic",
         evidence={"error_ratio": lack_of_fit},
-        remedy=CODES["wrong-minimum"].advice,
         certainty="possible",
     )
 

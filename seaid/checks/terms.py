@@ -26,6 +26,12 @@ from seaid.log.rows import in_band_at
 from seaid.regressor import Regression, joint_regressor, motor_regressor, regression
 from seaid.robot import Robot, torques_at_drives
 
+Grids = Mapping[str, Sequence[float]]
+"""{nonlinear parameter: the values that are tried}."""
+
+NO_GRIDS: Grids = FrozenMapping({})
+"""Each parameter has its own grid."""
+
 _DIRECTED = tuple(chain.from_iterable(PARAMETERS_OF["friction"][term] for term in DRY))
 """Parameters of friction whose columns have the sign of the speed, or its tanh."""
 
@@ -110,9 +116,7 @@ class DriveRows:
         names = enumerate(self.rows.names)
         return {place: x.quantity for place, x in names if x.owner in ("", self.joint)}
 
-    def terms(
-        self, field: str, term: str, grids: Mapping[str, Sequence[float]] = FrozenMapping({})
-    ) -> Iterator[engine.Alternative]:
+    def terms(self, field: str, term: str, grids: Grids = NO_GRIDS) -> Iterator[engine.Alternative]:
         """Yield a term at each point of its grid; `grids` {parameter: values} replace its own."""
         drive = self.robot.drives[self.joint]
         larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
@@ -148,10 +152,8 @@ class DriveRows:
         """Return the places of parameters of the drive among those of the rows."""
         return tuple(place for place, name in self._parameters.items() if name in names)
 
-    def _grid(
-        self, names: Sequence[str], grids: Mapping[str, Sequence[float]]
-    ) -> dict[str, Sequence[float]]:
-        """Return {nonlinear parameter: the values that are tried}."""
+    def _grid(self, names: Sequence[str], grids: Grids) -> Grids:
+        """Return the values of nonlinear parameters that are tried."""
         grid: dict[str, Sequence[float]] = {}
         for name in names:
             starts = PARAMETERS[name].starts
@@ -193,9 +195,7 @@ class DriveRows:
         return placed
 
 
-def _deflection_zero(
-    values: Mapping[str, float], grids: Mapping[str, Sequence[float]]
-) -> dict[str, float] | None:
+def _deflection_zero(values: Mapping[str, float], grids: Grids) -> dict[str, float] | None:
     """Return the zero about which the law of a spring is, None where the fit does not have it."""
     if values.get("stiffness", 0.0) <= 0:
         return None
@@ -267,9 +267,7 @@ def load_drive(
 
 
 def term_candidates(
-    drive: DriveRows,
-    terms: Iterable[tuple[str, str]],
-    grids: Mapping[str, Sequence[float]] = FrozenMapping({}),
+    drive: DriveRows, terms: Iterable[tuple[str, str]], grids: Grids = NO_GRIDS
 ) -> list[engine.Candidate]:
     """Return terms (field, term) of a drive as candidates."""
     return [
@@ -366,7 +364,7 @@ def compared_terms(
     terms: Sequence[tuple[str, str]],
     count: int,
     step: int,
-    grids: Mapping[str, Sequence[float]] = FrozenMapping({}),
+    grids: Grids = NO_GRIDS,
 ) -> list[TermComparison]:
     """Return the comparison of each term (field, term) of a drive, at the best point of its grid.
 

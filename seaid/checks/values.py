@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Code, consequences, in_drives, only_joint
+from seaid.checks.codes import CODES, Code, Sources, consequences, in_drives, only_joint
 from seaid.drives import (
     DEAD_ZONES,
     PARAMETERS,
@@ -41,24 +40,18 @@ from seaid.robot.inertia import THIN
 
 
 def disagreement(
-    code: Code,
-    joint: str,
-    rows: Regression,
-    values: Sequence[Array],
-    scores: Array,
-    ways: Sequence[str],
-    remedy: str,
+    code: Code, joint: str, rows: Regression, ways: Mapping[str, Array], scores: Array, remedy: str
 ) -> Iterator[Finding]:
     """Yield the finding on the parameters that differ between two ways, with the worst of them.
 
-    `values` are those of both ways, `scores` (p,) the standard errors by which they differ, zero
-    where it does not matter.
+    `ways` {way: its values}; `scores` (p,) are the standard errors by which they differ, zero where
+    it does not matter.
     """
     if not np.any(scores):
         return
     names, worst = [first_term(readable(name)) for name in rows.names], int(np.argmax(scores))
     differing = [names[place] for place in np.argsort(-scores) if scores[place]]
-    numbers = {way: float(theta[worst]) for way, theta in zip(ways, values, strict=True)}
+    numbers = {way: float(values[worst]) for way, values in ways.items()}
     sizes = " and ".join(f"{number:.4g}" for number in numbers.values())
     yield code.finding(
         f"{' and '.join(ways)} give different values of {listed(differing, 4)}: {names[worst]} is "
@@ -105,8 +98,8 @@ def noise_findings(estimate: Estimate) -> Iterator[Finding]:
     count, p, scatter = shown.independent_rows, shown.parameters, shown.scatter
     if count < tol.FEWEST_INDEPENDENT * p:
         yield CODES["few-rows"].finding(
-            f"{p} parameters were estimated from {count:.0f} independent rows: their intervals are "
-            "unreliable; record a longer log, or raise cutoff_hz",
+            f"{p} parameters were estimated from {count:.0f} independent rows, by which their "
+            "intervals are unreliable",
             evidence={"independent rows": count, "parameters": float(p)},
         )
     if scatter >= tol.TWICE:
@@ -115,7 +108,6 @@ def noise_findings(estimate: Estimate) -> Iterator[Finding]:
             f"to {scatter**0.5:.1f} times as much as their residuals explain; the standard errors "
             "were enlarged so much",
             evidence={"chi-square per degree of freedom": scatter},
-            remedy=CODES["blocks-disagree"].advice,
         )
     yield from _drifts(shown)
     for name, share in shown.instruments.items():
@@ -143,7 +135,6 @@ def _drifts(shown: Diagnostics) -> Iterator[Finding]:
                 "time constant [s]": 1 / (2 * math.pi * drift.corner_hz),
                 "likelihood ratio": drift.ratio,
             },
-            CODES["drift"].advice,
         )
 
 
@@ -279,7 +270,7 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
             code = CODES["weak-spring"] if is_weak else CODES["poorly-identified"]
             message = f"{text} is poorly identified: {'; '.join(reasons)}"
             severity: Severity = "doubtful" if is_weak else "note"
-            yield code.finding(message, joint, severity, evidence, code.advice * is_weak)
+            yield code.finding(message, joint, severity, evidence, None if is_weak else "")
 
 
 def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
@@ -365,15 +356,12 @@ def fixed_findings(
     """
     # without a dead zone, or next to a preload, a zero may be unidentifiable from any motion
     has_zone = {*DEAD_ZONES} & {*drive.spring} and "preload" not in drive.spring
-    where, source = "from this motion", ""
-    if by_simulation:
-        where, source = "in the simulated motion", ", the value of identify"
     for name in names:
         fixed = f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}"
-        what = f"{readable(ParameterName(name, joint))} is not identifiable {where}"
+        what = f"{readable(ParameterName(name, joint))} is not identifiable from this motion"
         if by_simulation or name not in _ONE_SIDED or not has_zone:
-            message = f"{what}: {fixed}{source}; remove its term, or excite it"
-            yield CODES["unidentifiable"].finding(message, joint, "note")
+            message = f"{what}: {fixed}; remove its term, or excite it"
+            yield CODES["unidentifiable"].note(message, joint, certainty="likely")
             continue
         (second,) = {*_ONE_SIDED} - {name}
         yield CODES["unidentifiable"].finding(
@@ -382,7 +370,6 @@ def fixed_findings(
             f"{second.replace('_', ' ')} is wrong by as much",
             joint,
             evidence={name: drive.values[name]},
-            remedy=CODES["unidentifiable"].advice,
             certainty="certain",
         )
 
@@ -426,7 +413,6 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
                 name.owner,
                 "doubtful" if abs(value) > tol.RARE * torque else "note",
                 {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
-                CODES["torque-offset"].advice,
             )
 
 
@@ -553,10 +539,7 @@ def rigid_gear(joint: str, least: float) -> Finding:
 
 
 def gear_findings(
-    robot: Robot,
-    drives: Mapping[str, Estimate],
-    gears: Collection[str],
-    sources: Sequence[Mapping[str, Mapping[str, Any]]],
+    robot: Robot, drives: Mapping[str, Estimate], gears: Collection[str], sources: Sequence[Sources]
 ) -> Iterator[Finding]:
     """Yield a note on the joints whose stiffness includes that of the gear, but those of `gears`.
 
@@ -585,14 +568,14 @@ def _is_by_deflection(channels: Collection[str]) -> bool:
 
 
 def unused_findings(
-    robot: Robot,
-    drives: Mapping[str, Estimate],
-    torque_joints: Sequence[str],
-    motions: Sequence[Motion],
+    robot: Robot, drives: Mapping[str, Estimate], used: Sequence[str], motions: Sequence[Motion]
 ) -> Iterator[Finding]:
-    """Yield notes on parameters of `drives` that no equation has, and on channels without use."""
+    """Yield notes on parameters of `drives` that no equation has, and on channels without use.
+
+    The torques of the joints that are `used` are in the equations.
+    """
     yield from _without_motor_equation(robot, drives)
-    inputs = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in torque_joints}
+    inputs = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in used}
     logged = _logged_torques(robot, motions)
     for channel, joints in logged.items():
         unused = [joint for joint in joints if inputs.get(joint, channel) != channel]

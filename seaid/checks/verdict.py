@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from seaid.regressor.base import regressor_at_drives
 from seaid.robot import BASE_ROWS
 
 Level = Literal["good", "usable with care", "do not use"]
+
+Errors = Mapping[int, float]
+"""{equation: error}."""
 
 NAN = float("nan")
 
@@ -321,11 +324,11 @@ def robot_fit(
         predicted = targets if bare.own is None else targets[bare.own]
         errors, blocks = (_errors(rows, each, sizes) for each in (computed, predicted))
         misfits = np.column_stack([experiment.of_bodies(bodies), experiment.nominal]).tolist()
-        of_bodies, motors = dict(zip(names, misfits, strict=True)), dict[str, float]()
-        for joint, side in actuators.items():
+        of_bodies, motors = dict(zip(names, misfits, strict=True)), dict[int, float]()
+        for side in actuators.values():
             if side.rows is not None:
-                (motors[joint],) = _errors(side.rows, side.rows.H @ side.estimate.values).values()
-        joints = _joint_fits(rows.joint_names, (errors, blocks), motors, of_bodies)
+                motors |= _errors(side.rows, side.rows.H @ side.estimate.values, {})
+        joints = _joint_fits(rows.joint_names, errors, blocks, motors, of_bodies)
         joints |= {x: JointFit(NAN, NAN, joints[x].motor) for x in joints if x in locked}
         residual = NAN, NAN
         if not experiment.robot.base_is_held:
@@ -338,20 +341,16 @@ def robot_fit(
 
 
 def _joint_fits(
-    names: Sequence[str],
-    errors: tuple[Mapping[int, float], Mapping[int, float]],
-    motors: Mapping[str, float],
-    of_bodies: Mapping[str, Sequence[float]],
+    names: Sequence[str], own: Errors, blocks: Errors, motors: Errors, of_bodies: Mapping[str, Any]
 ) -> dict[str, JointFit]:
     """Return the errors of joints, or of the rows of a base where no joint has a torque.
 
-    `errors` {equation: error} are those of the own logs and of excluded blocks.
+    They are those of the own logs, of excluded blocks and of motor equations; `of_bodies`
+    {joint: errors of the identified and of the nominal bodies}.
     """
-    of_log, blocks = errors
     fits = {
-        x: JointFit(of_log[j], blocks[j], motors.get(x, NAN), *of_bodies.get(x, ()))
-        for j, x in enumerate(names)
-        if j in of_log
+        names[j]: JointFit(error, blocks[j], motors.get(j, NAN), *of_bodies.get(names[j], ()))
+        for j, error in own.items()
     }
     return {x: fit for x, fit in fits.items() if x in of_bodies} or fits
 
@@ -363,7 +362,7 @@ def _whole(rows: Regression, computed: Array, joints: Collection[str]) -> float:
     return float(np.linalg.norm((rows.y - computed)[some])) / size if size else NAN
 
 
-def _load_sizes(experiment: Experiment, bodies: Array) -> Mapping[int, float]:
+def _load_sizes(experiment: Experiment, bodies: Array) -> Errors:
     """Return {equation: rms of a torque without its mean} that is not in the y of the rows, (8).
 
     That is the torque of all bodies if some are known, and with measured wrenches that of the
@@ -378,14 +377,9 @@ def _load_sizes(experiment: Experiment, bodies: Array) -> Mapping[int, float]:
     return dict(enumerate(np.std(experiment.regressor @ bodies, axis=0).tolist()))
 
 
-def _errors(
-    rows: Regression, computed: Array, sizes: Mapping[int, float] | None = None
-) -> dict[int, float]:
-    """Return {equation: rms of the error over that of the torque without its mean}.
-
-    The latter is not below that in `sizes`.
-    """
-    errors, least = {}, sizes or {}
+def _errors(rows: Regression, computed: Array, least: Errors) -> Errors:
+    """Return the rms of the error over that of the torque without its mean, not below `least`."""
+    errors = {}
     for equation in np.unique(rows.joint).astype(int).tolist():
         of_equation = rows.joint == equation
         size = max(float(np.std(rows.y[of_equation])), least.get(equation, 0.0), 1e-300)

@@ -193,10 +193,9 @@ def _estimator_findings(
     fits = [fit_of(fit.rows, weights[name], fit.qr_factor, fit.constraint) for name in ways]
     scores = _scores(fits, fit.estimate, fit.propagated)
     remedy = f"{_other_cutoff(robot, cutoff_hz)}; else a term that a joint lacks"
-    values = [fit.values for fit in fits]
-    yield from disagreement(
-        CODES["estimator-disagrees"], "", fits[0].rows, values, scores, ways, remedy
-    )
+    values = dict(zip(ways, (fit.values for fit in fits), strict=True))
+    code = CODES["estimator-disagrees"]
+    yield from disagreement(code, "", fits[0].rows, values, scores, remedy)
 
 
 def _cutoff_findings(
@@ -225,11 +224,10 @@ def _cutoff_findings(
         scores = _scores([narrow, wide], fit.estimate, fit.propagated)
         better = _better_cutoff(robot, joint, cutoff_hz, compress(rows.names, scores))
         remedy = f"{better}; compare others with cutoff_sensitivity"
-        values = [narrow.values, wide.values]
+        values = dict(zip(ways, (narrow.values, wide.values), strict=True))
         owner = "" if joint == LOAD else joint
-        yield from disagreement(
-            CODES["cutoff-sensitive"], owner, narrow.rows, values, scores, ways, remedy
-        )
+        code = CODES["cutoff-sensitive"]
+        yield from disagreement(code, owner, narrow.rows, values, scores, remedy)
 
 
 def _constraint_of(fit: FittedRows, names: Sequence[str]) -> tuple[Array, Array] | None:
