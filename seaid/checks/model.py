@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial, singledispatch
-from itertools import chain, product
+from itertools import chain, compress, product
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
-from seaid.drives import readable
+from seaid.drives import PARAMETERS_OF, ParameterName, readable
 from seaid.drives.drives import term_fields
 from seaid.errors import Finding, SeaidError, by_severity, listed
 from seaid.estimation import FittedRows, estimator_named, fit
@@ -51,33 +51,60 @@ def _of_log(side: Side, number: int) -> Array:
 def _is_another_set_up(
     side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
 ) -> Finding | None:
-    """Return the finding of logs of another set-up, None if other friction explains as much.
+    """Return the finding of logs of another set-up, or of another temperature, if it is either.
 
-    Bodies and springs make a set-up; friction changes with the temperature, and zeros with a start.
+    Bodies and springs make a set-up. Friction changes with the temperature, and zeros with a start:
+    these may differ first, and another set-up is what explains the rest.
     """
-    numbers, names = [x.trial.candidate.term for x in accepted], side.equation.rows.names
-    bodies = {x for x in names if not (side.is_motor or x.owner)}
-    is_fixed = np.isin(names, ["stiffness", *bodies])
-    free = np.hstack([_of_log(side, x)[:, ~is_fixed] for x in dict.fromkeys(side.logs)][1:])
+    names, (_, *further) = side.equation.rows.names, dict.fromkeys(side.logs)
+    is_body = np.array([not (side.is_motor or name.owner) for name in names])
+    is_fixed = is_body | np.isin(names, ["stiffness"])
+    fixed, free = (list(compress(names, chosen)) for chosen in (is_fixed, ~is_fixed))
+    of_state = np.hstack([_of_log(side, number)[:, ~is_fixed] for number in further])
     own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])
-    before = side.equation.with_alternatives([engine.Alternative(free, 0)])
-    after = before.with_alternatives([engine.Alternative(own, 0)])
-    values, errors = after.last(own.shape[1])
-    explained = 1 - after.squares() / max(before.squares(), 1e-300)
-    scores = np.abs(values) / np.maximum(errors, np.finfo(float).tiny)
-    if explained < MATTERS or np.max(scores, initial=0.0) < SIGNIFICANT:
+    with_state = side.equation.with_alternatives([engine.Alternative(of_state, 0)])
+    explained, scores = _explained_by(with_state, own, fixed)
+    numbers, remedy = " and log ".join(x.trial.candidate.term for x in accepted), None
+    cause = f"log {numbers} and the others are not of one set-up: values of its own"
+    beside = ", next to friction and zeros that each log may have"
+    if explained < MATTERS or max(scores.values(), default=0.0) < SIGNIFICANT:
+        explained, scores = _explained_by(side.equation, of_state, free)
+        scores = {x: y for x, y in scores.items() if x.quantity in _FRICTION and y > SIGNIFICANT}
+        cause, beside = "the logs differ in friction, as by the temperature: own values of each", ""
+        remedy = "give each log a condition of its own, with --specific "
+        remedy += ",".join(sorted({x.quantity for x in scores} | {"spring_offset"}))
+    if explained < MATTERS or not scores:
         return None
-    fixed, worst = np.tile(np.array(names)[is_fixed], len(numbers)), np.argsort(-scores)[:3]
-    differing = listed(map(first_term, map(readable, fixed[worst])))
-    sizes = listed(map("{:.0f}".format, scores[worst]))
+    worst = sorted(scores, key=scores.__getitem__)[:-4:-1]
+    differing = listed(first_term(readable(x.at(x.owner or joint * side.is_motor))) for x in worst)
+    sizes = listed(f"{scores[x]:.0f}" for x in worst)
     equation = f"motor equation of {joint}" if side.is_motor else "torque equations"
     return CODES["logs-differ"].finding(
-        f"log {' and log '.join(numbers)} and the others are not of one set-up: values of its own "
-        f"explain {explained:.0%} of the squared residual of the {equation}, next to friction and "
-        f"zeros that each log may have; {differing} differ most, by {sizes} standard errors",
+        f"{cause} explain {explained:.0%} of the squared residual of the {equation}{beside}; the "
+        f"largest difference is that of {differing}, by {sizes} standard errors",
         joint * side.is_motor,
-        evidence={"explained": explained, "standard errors": float(np.max(scores))},
+        evidence={"explained": explained, "standard errors": scores[worst[0]]},
+        remedy=remedy,
     )
+
+
+def _explained_by(
+    equation: engine.Equation, columns: Array, names: Sequence[ParameterName]
+) -> tuple[float, dict[ParameterName, float]]:
+    """Return the part of the squared residual that columns explain, and {name: largest score}.
+
+    A score is a value over its standard error; the columns (R, k p) have the p names k times.
+    """
+    larger = equation.with_alternatives([engine.Alternative(columns, 0)])
+    values, errors = larger.last(columns.shape[1])
+    scores = (np.abs(values) / np.maximum(errors, np.finfo(float).tiny)).reshape(-1, len(names))
+    explained = 1 - larger.squares() / max(equation.squares(), 1e-300)
+    return explained, dict(zip(names, np.max(scores, axis=0).tolist(), strict=True))
+
+
+_FRICTION = {*chain.from_iterable(PARAMETERS_OF["friction"].values())}
+_FRICTION |= {*chain.from_iterable(PARAMETERS_OF["joint_friction"].values())}
+"""Parameters that change with the temperature."""
 
 
 COLUMN_CHECKS = (
