@@ -386,7 +386,7 @@ def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> lis
     the numbers of a model without it. Too few rows are a note where another finding is why blocks
     of the logs contradict each other, and so is that two ways to fit them differ.
     """
-    loose, weak = _joints("backlash", findings), _joints("weak-spring", findings)
+    loose, weak = ({x.joint for x in findings if x.code == y} for y in ("backlash", "weak-spring"))
     echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
     echoes["nonlinear-spring"] = weak | loose
     minor = {**dict.fromkeys(_ECHOES, exact), **_beside_few_rows(findings)}
@@ -437,7 +437,3 @@ def _brings(cause: Finding, symptom: Finding) -> bool:
     left = symptom.evidence.get("error", 0.0) * math.sqrt(max(1 - explained, 0.0))
     is_explained = explained > (1 - tol.POOR if is_worse else tol.MOST) and left < tol.MOST
     return is_there and is_explained
-
-
-def _joints(code: str, findings: Iterable[Finding]) -> set[str]:
-    return {finding.joint for finding in findings if finding.code == code}

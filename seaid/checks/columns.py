@@ -16,7 +16,8 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
-from seaid.checks.codes import CODES, Sources, in_drives
+from seaid.checks.codes import CODES, EXPLAINED, Sources, in_drives
+from seaid.checks.engine import Acceptance
 from seaid.checks.experiment import sources_of
 from seaid.checks.terms import (
     DriveRows,
@@ -290,9 +291,7 @@ def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     return any(name in positive and value < 0 for name, value in values)
 
 
-def _missing_terms(
-    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
-) -> Finding | None:
+def _missing_terms(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
     if any(_is_impossible(side, x) for x in accepted):
         return None
@@ -313,7 +312,7 @@ def _missing_terms(
         f"blocks by {comparison.improvement:.0%}",
         joint,
         "doubtful" if is_spring or _matters(side, joint, trials, share) else "note",
-        {**comparison.evidence, **values, "explained": share},
+        {**comparison.evidence, **values, EXPLAINED: share},
         _lines_of_terms(side, joint, field, terms, values),
     )
 
@@ -357,18 +356,14 @@ def _is_sampled(side: Side, joint: str, trials: Sequence[engine.Trial]) -> bool:
     return is_dry(drive) and len(trials) == 1 and width <= TWICE * side.widths.get(joint, 0.0)
 
 
-def _gain_is_scaled(
-    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
-) -> Finding | None:
+def _gain_is_scaled(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of gains in another unit, or of bodies that are heavier or lighter."""
-    (change,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
-    times, others = 1.0 + change, _contradicting(side, joint)
+    times, error = _factor(accepted[0], 1.0)
     if times <= 0:
         return None
-    errors = {"standard error": error, "explained": share}
     gains = f"its gains are in another unit, such as V per rad, and {1 / times:.3g} times as large "
     cause = f"{gains}in N m; or the bodies are {times:.3g} times as heavy as in the robot file"
-    if others:
+    if others := _contradicting(side, joint):
         cause = f"{listed(others)} with the same gains have other factors, so that those bodies "
         cause += "are not the ones of the robot file, or another torque acts there"
     finding = CODES["gain-scale"].finding(
@@ -377,7 +372,7 @@ def _gain_is_scaled(
         f"{cause}",
         joint,
         "doubtful",
-        {"torque over that of the known bodies": times, **errors},
+        {"torque over that of the known bodies": times, "standard error": error, EXPLAINED: share},
         in_drives(
             {(joint, "controller"): "is_up_to_scale = true"},
             "weigh a link: if the known bodies are right, the scale of the gains is a parameter, ",
@@ -398,13 +393,9 @@ def _known_rotors(side: Side, joint: str) -> Iterator[engine.Candidate]:
         yield engine.linear_candidate(joint, "motor_inertia", "", acceleration)
 
 
-def _rotor_is_other(
-    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
-) -> Finding | None:
+def _rotor_is_other(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of a known rotor inertia that the motor equation contradicts."""
-    given = side.robot.drives[joint].values["motor_inertia"]
-    times = 1.0 + float(accepted[0].coefficients[0]) / given
-    error = float(accepted[0].errors[0]) / given
+    times, error = _factor(accepted[0], side.robot.drives[joint].values["motor_inertia"])
     if times <= 0:
         return None
     off = f"{max(times, 1 / times):.3g} times too {'large' if times > 1 else 'small'}"
@@ -415,11 +406,17 @@ def _rotor_is_other(
         f"{CODES['torque-scale'].implies}",
         joint,
         "doubtful" if share > MATTERS and abs(np.log(times)) > 2 * POOR else "note",
-        {"rotor inertia over the given one": times, "standard error": error, "explained": share},
+        {"rotor inertia over the given one": times, "standard error": error, EXPLAINED: share},
         f"{CODES['torque-scale'].measurement}: if the torque is right, remove motor_inertia_kg_m2 "
         "of the drive to have it identified",
         "possible",
     )
+
+
+def _factor(accepted: engine.Accepted, known: float) -> tuple[float, float]:
+    """Return 1 + b / x of a coefficient b next to a known value x, and its standard error."""
+    (change,), (error,) = accepted.coefficients / known, accepted.errors / known
+    return 1.0 + float(change), float(error)
 
 
 def _contradicting(side: Side, joint: str) -> list[str]:

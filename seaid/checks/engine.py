@@ -364,7 +364,7 @@ class ColumnCheck(Generic[Fit]):
 
     code: Code
     candidates: Callable[[Fit, str], Iterable[Candidate]]
-    finding: Callable[[Fit, str, Sequence[Accepted], float], Finding | None]
+    finding: Callable[[Fit, str, Acceptance, float], Finding | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -558,6 +558,10 @@ class Accepted:
     share: float = 0.0
     change: Array | float = 0.0
     rivals: tuple[Trial, ...] = ()
+
+
+Acceptance = Sequence[Accepted]
+"""What was accepted of one check at a joint."""
 
 
 @dataclass(frozen=True, eq=False)

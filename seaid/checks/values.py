@@ -270,7 +270,7 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
             code = CODES["weak-spring"] if is_weak else CODES["poorly-identified"]
             message = f"{text} is poorly identified: {'; '.join(reasons)}"
             severity: Severity = "doubtful" if is_weak else "note"
-            yield code.finding(message, joint, severity, evidence, None if is_weak else "")
+            yield code.finding(message, joint, severity, evidence, code.advice * is_weak)
 
 
 def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
