@@ -15,9 +15,9 @@ from itertools import chain, compress, product
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, BoolArray
 from seaid.checks import engine
-from seaid.checks.codes import CODES, guarded, joints_of, notes_beside, undecided
+from seaid.checks.codes import CODES, EXPLAINED, guarded, joints_of, notes_beside, undecided
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
@@ -48,58 +48,85 @@ def _of_log(side: Side, number: int) -> Array:
     return np.asarray(rows.H * is_own[:, None])
 
 
+def _is_of_set_up(side: Side) -> BoolArray:
+    """Return the mask (p,) of the parameters of bodies and springs, which make a set-up.
+
+    Others are of friction, which changes with the temperature, and zeros, which do with a start.
+    """
+    names = side.equation.rows.names
+    return np.array([x == "stiffness" or not (side.is_motor or x.owner) for x in names])
+
+
 def _is_another_set_up(
-    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
+    side: Side, joint: str, accepted: engine.Acceptance, share: float
 ) -> Finding | None:
     """Return the finding of logs of another set-up, or of another temperature, if it is either.
 
-    Bodies and springs make a set-up. Friction changes with the temperature, and zeros with a start:
-    these may differ first, and another set-up is what explains the rest.
+    Friction and zeros may differ first: another set-up is what explains the rest.
     """
-    names, (_, *further) = side.equation.rows.names, dict.fromkeys(side.logs)
-    is_body = np.array([not (side.is_motor or name.owner) for name in names])
-    is_fixed = is_body | np.isin(names, ["stiffness"])
-    fixed, free = (list(compress(names, chosen)) for chosen in (is_fixed, ~is_fixed))
-    of_state = np.hstack([_of_log(side, number)[:, ~is_fixed] for number in further])
-    own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])
-    with_state = side.equation.with_alternatives([engine.Alternative(of_state, 0)])
-    explained, scores = _explained_by(with_state, own, fixed)
-    numbers, remedy = " and log ".join(x.trial.candidate.term for x in accepted), None
-    cause = f"log {numbers} and the others are not of one set-up: values of its own"
-    beside = ", next to friction and zeros that each log may have"
-    if explained < MATTERS or max(scores.values(), default=0.0) < SIGNIFICANT:
-        explained, scores = _explained_by(side.equation, of_state, free)
-        scores = {x: y for x, y in scores.items() if x.quantity in _FRICTION and y > SIGNIFICANT}
-        cause, beside = "the logs differ in friction, as by the temperature: own values of each", ""
-        remedy = "give each log a condition of its own, with --specific "
-        remedy += ",".join(sorted({x.quantity for x in scores} | {"spring_offset"}))
+    numbers, is_fixed = [x.trial.candidate.term for x in accepted], _is_of_set_up(side)
+    columns = [_of_log(side, x)[:, ~is_fixed] for x in dict.fromkeys(side.logs)]
+    own, of_each = _own_columns(accepted, is_fixed), engine.Alternative(np.hstack(columns[1:]), 0)
+    with_friction = side.equation.with_alternatives([of_each])
+    explained, scores = _explained_by(with_friction, own, is_fixed)
+    if explained >= MATTERS and scores:
+        cause = f"log {' and log '.join(numbers)} and the others are not of one set-up: next to "
+        cause += "friction and zeros that each log may have, values of its own"
+        return _of_logs(side, joint, cause, explained, scores)
+    explained, scores = _explained_by(side.equation, of_each, ~is_fixed)
+    scores = {x: y for x, y in scores.items() if x.quantity in _FRICTION}
     if explained < MATTERS or not scores:
         return None
-    worst = sorted(scores, key=scores.__getitem__)[:-4:-1]
-    differing = listed(first_term(readable(x.at(x.owner or joint * side.is_motor))) for x in worst)
-    sizes = listed(f"{scores[x]:.0f}" for x in worst)
-    equation = f"motor equation of {joint}" if side.is_motor else "torque equations"
-    return CODES["logs-differ"].finding(
-        f"{cause} explain {explained:.0%} of the squared residual of the {equation}{beside}; the "
-        f"largest difference is that of {differing}, by {sizes} standard errors",
-        joint * side.is_motor,
-        evidence={"explained": explained, "standard errors": scores[worst[0]]},
-        remedy=remedy,
-    )
+    specific = ",".join(sorted({"spring_offset", *(x.quantity for x in scores)}))
+    remedy = f"give each log a condition of its own, with --specific {specific}"
+    cause = "the logs differ in friction, as by the temperature: own values of each"
+    return _of_logs(side, joint, cause, explained, scores, remedy)
+
+
+def _own_columns(accepted: engine.Acceptance, kept: BoolArray) -> engine.Alternative:
+    """Return some of the columns of logs that were accepted alone."""
+    columns = [x.trial.alternative.columns[:, kept] for x in accepted]
+    return engine.Alternative(np.hstack(columns), 0)
 
 
 def _explained_by(
-    equation: engine.Equation, columns: Array, names: Sequence[ParameterName]
+    equation: engine.Equation, alternative: engine.Alternative, kept: BoolArray
 ) -> tuple[float, dict[ParameterName, float]]:
     """Return the part of the squared residual that columns explain, and {name: largest score}.
 
-    A score is a value over its standard error; the columns (R, k p) have the p names k times.
+    The columns are those of the `kept` parameters, of one log after the other. A score is a value
+    over its standard error, of which the significant ones count.
     """
-    larger = equation.with_alternatives([engine.Alternative(columns, 0)])
-    values, errors = larger.last(columns.shape[1])
-    scores = (np.abs(values) / np.maximum(errors, np.finfo(float).tiny)).reshape(-1, len(names))
+    larger = equation.with_alternatives([alternative])
+    values, errors = larger.last(alternative.columns.shape[1])
+    scores = np.abs(values) / np.maximum(errors, np.finfo(float).tiny)
+    largest = np.max(scores.reshape(-1, np.count_nonzero(kept)), axis=0).tolist()
+    names = compress(equation.rows.names, kept)
     explained = 1 - larger.squares() / max(equation.squares(), 1e-300)
-    return explained, dict(zip(names, np.max(scores, axis=0).tolist(), strict=True))
+    return explained, {x: y for x, y in zip(names, largest, strict=True) if y > SIGNIFICANT}
+
+
+def _of_logs(
+    side: Side,
+    joint: str,
+    cause: str,
+    explained: float,
+    scores: Mapping[ParameterName, float],
+    remedy: str | None = None,
+) -> Finding:
+    """Return the finding of logs that differ, with the values that do so most."""
+    worst = sorted(scores, key=scores.__getitem__)[:-4:-1]
+    named = joint * side.is_motor  # a column of a motor equation has no owner
+    differing = listed(first_term(readable(x.at(x.owner or named))) for x in worst)
+    sizes = listed(f"{scores[x]:.0f}" for x in worst)
+    equation = f"motor equation of {joint}" if side.is_motor else "torque equations"
+    return CODES["logs-differ"].finding(
+        f"{cause} explain {explained:.0%} of the squared residual of the {equation}; the largest "
+        f"difference is that of {differing}, by {sizes} standard errors",
+        named,
+        evidence={EXPLAINED: explained, "standard errors": scores[worst[0]]},
+        remedy=remedy,
+    )
 
 
 _FRICTION = {*chain.from_iterable(PARAMETERS_OF["friction"].values())}
