@@ -54,7 +54,7 @@ from tests.mistakes import (
     with_torque,
 )
 from tests.one_joint import one_joint
-from tests.representatives import quick_only
+from tests.representatives import quick_first, quick_only
 
 OF_TERMS = ("missing-term", "nonlinear-spring")
 NAMED: tuple[str, ...] = ("viscous", "coulomb")
@@ -388,47 +388,34 @@ def test_torques_that_are_all_late_are_one_finding(case: str, delay_s: float) ->
         assert finding.remedy.count("delay_s = ") == robot.n
 
 
-@pytest.mark.parametrize("delay_s", quick_only([0.03, -0.01], [0.03]))
-def test_a_joint_position_that_is_late_is_named_and_not_as_damping(delay_s: float) -> None:
-    """A late one leaves the motor less friction than none, an early one is a negative damping."""
-    t = leg_log(3).time
-    late = with_channels(
-        leg_log(3), "knee_pitch", joint_position=lambda q: np.interp(t - delay_s, t, q)
-    )
-    found = identify(leg(TEST_MASS).without_nominal(), late)
-    (finding,) = (x for x in found.warnings if x.code in ("delay", "nonlinear-spring"))
-    assert (finding.code, finding.joint) == ("delay", "knee_pitch")
-    error = finding.evidence["standard error [s]"]
-    assert abs(finding.evidence["delay [s]"] - delay_s) < 3 * error < 0.004
-    assert "joint_position = { column = " in finding.remedy
-    assert f"delay_s = {round(finding.evidence['delay [s]'], 5)}" in finding.remedy
+LATE = [
+    ("leg", "knee_pitch", "joint_position", 0.03, 0.004),  # its motor has less friction than none
+    ("arm", "telescope", "motor_torque", 0.01, 0.006),  # looks like an early position
+    ("leg", "knee_pitch", "motor_position", 0.004, 0.001),  # friction, of the load a negative one
+    ("arm", "shoulder", "motor_position", 0.004, 0.001),
+    ("leg", "knee_pitch", "joint_position", -0.01, 0.004),  # a negative damping
+]
+"""Channels that are late by some seconds, and a bound of three standard errors."""
 
 
-def test_a_late_torque_that_looks_like_an_early_position_leaves_friction() -> None:
-    """Next to an early position of the joint its motor would have less friction than none."""
-    robot, log, delay_s = CASES["arm"][0](), CASES["arm"][1](), 0.01
+@pytest.mark.parametrize(("case", "joint", "channel", "delay_s", "bound_s"), quick_first(LATE, 4))
+def test_a_channel_that_is_late_is_named_and_not_as_friction_or_damping(
+    case: str, joint: str, channel: str, delay_s: float, bound_s: float
+) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
     late = with_channels(
-        log, "telescope", motor_torque=lambda x: np.interp(log.time - delay_s, log.time, x)
+        log, joint, **{channel: lambda x: np.interp(log.time - delay_s, log.time, x)}
     )
     found = identify(robot.without_nominal(), late).warnings
-    (finding,) = (x for x in found if x.code == "delay")
-    assert finding.message.startswith("the torques of telescope are ")
-    error = finding.evidence["standard error [s]"]
-    assert abs(finding.evidence["delay [s]"] - delay_s) < 3 * error < 0.006
-
-
-@pytest.mark.parametrize(("case", "joint"), [("leg", "knee_pitch"), ("arm", "shoulder")])
-def test_the_torque_on_a_load_shows_a_late_encoder_of_its_motor(case: str, joint: str) -> None:
-    """In the motor equation it is friction, and on the load a negative friction of the joint."""
-    robot, log, delay_s = CASES[case][0](), CASES[case][1](), 0.004
-    wrong = with_channels(
-        log, joint, motor_position=lambda x: np.interp(log.time - delay_s, log.time, x)
-    )
-    found = identify(robot.without_nominal(), wrong).warnings
-    (finding,) = (x for x in found if x.severity != "note")
+    (finding,) = (x for x in found if x.code in ("delay", "nonlinear-spring"))
     assert (finding.code, finding.joint) == ("delay", joint)
-    error = finding.evidence["standard error [s]"]
-    assert abs(finding.evidence["delay [s]"] + delay_s) < 3 * error < 0.001
+    error, value = (finding.evidence[x] for x in ("standard error [s]", "delay [s]"))
+    if channel == "motor_position":  # the position of its joint is early by as much
+        assert [x for x in found if x.severity != "note"] == [finding]
+        value = -value
+    else:
+        assert f"{channel} = {{ column = " in finding.remedy
+    assert abs(value - delay_s) < 3 * error < bound_s
 
 
 def test_damping_is_named_where_it_may_be_a_late_encoder_next_to_friction() -> None:
