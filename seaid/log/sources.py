@@ -187,19 +187,24 @@ class _Described:
         times = source.times if isinstance(source.times, int | float) else 1.0
         period = None if source.wraps is None else abs(factor * times) * source.wraps
         # x + -0.0 is x bit by bit, also of x = -0.0.
-        values = factor * logged + (offset or -0.0)
-        if self.quantity == "orientation":
-            # Before gaps and other clocks are interpolated: between p and -p an interpolation
-            # passes zero.
-            values = continuous((values[[3, 0, 1, 2]] if source.order == "xyzw" else values).T).T
-        elif self.quantity == "contact" and source != Source(self.names):  # its own is 0 or 1
-            limit = 0.5 if source.above is None else source.above
-            is_known = np.isfinite(values) & (logged != source.unknown)
-            values = np.where(is_known, values > limit, np.nan)
+        values = self._as_vector(factor * logged + (offset or -0.0), logged)
         return [
             Channel(name, time, channel, period, source.delay_s)
             for name, channel in zip(self.names, values, strict=True)
         ]
+
+    def _as_vector(self, values: Array, logged: Array) -> Array:
+        """Return values (k, T) without jumps of sign of a quaternion, and 0 or 1 of a contact."""
+        source = self.source
+        if self.quantity == "orientation":
+            # Before gaps and other clocks are interpolated: between p and -p an interpolation
+            # passes zero.
+            return continuous((values[[3, 0, 1, 2]] if source.order == "xyzw" else values).T).T
+        if self.quantity == "contact" and source != Source(self.names):  # its own is 0 or 1
+            limit = 0.5 if source.above is None else source.above
+            is_known = np.isfinite(values) & (logged != source.unknown)
+            return np.where(is_known, values > limit, np.nan)
+        return values
 
     def _factor_and_offset(self, robot: Robot) -> tuple[float, float]:
         """Return factor and offset [SI] of the columns."""
@@ -249,15 +254,39 @@ def completed(table: Table, description: LogDescription, robot: Robot) -> LogDes
             raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
     rows, tables = _rows_of(robot, description.contacts), description.tables
     still = {("joints", joint) for joint in robot.standing_joints}
-    complete = dict[tuple[str, ...], dict[str, Source]]()
-    for key in [key for key in dict.fromkeys([*tables, *rows]) if key not in still]:
-        complete[key] = sources = dict(tables.get(key, {}))
+    keys = [key for key in dict.fromkeys([*tables, *rows]) if key not in still]
+    complete = {}
+    for key in keys:
+        sources = tables.get(key, {})
         used = {column for source in sources.values() for column in source.used}
-        for row in rows.get(key, {}).values():
-            columns = _own_columns(table, robot, key, row, used)
-            if columns and row.name not in sources:
-                sources[row.name] = Source(columns)
+        logged = _own_sources(table, robot, key, rows.get(key, {}), used)
+        complete[key] = {**sources, **{x: y for x, y in logged.items() if x not in sources}}
     return description.with_tables(complete)
+
+
+def _own_sources(
+    table: Table,
+    robot: Robot,
+    key: tuple[str, ...],
+    rows: Mapping[str, Quantity],
+    used: Collection[str],
+) -> dict[str, Source]:
+    """Return the sources of a table by seaid's own names of their columns, which `Log` checks.
+
+    A short name is one of seaid's unless a description uses it.
+    """
+    sources, base = dict[str, Source](), robot.floating_base
+    for name, row in rows.items():
+        if key[0] == "joints":
+            # The long name first: a file with both has the joint's own under it.
+            long = row.column(key[1], _is_prismatic(robot, key[1]))
+            columns = [long] if long in table.names else [*{short_name(long)}.difference(used)]
+        else:
+            is_own = name != "angle" or (base is not None and base.normal is not None)
+            columns = [*row.columns(key[-1])] if is_own and name != "acceleration" else []
+        if logged := tuple(filter(table.names.__contains__, columns)):
+            sources[name] = Source(logged)
+    return sources
 
 
 def _rows_of(
@@ -274,24 +303,6 @@ def _rows_of(
         links = dict.fromkeys([*links, *robot.floating_base.contact_links])
         rows |= {("contacts", link): OF_CONTACTS for link in links}
     return rows
-
-
-def _own_columns(
-    table: Table, robot: Robot, key: tuple[str, ...], row: Quantity, used: Collection[str]
-) -> tuple[str, ...]:
-    """Return the columns with seaid's own names of a quantity, which `Log` checks, if any.
-
-    A short name is one of seaid's unless a description uses it.
-    """
-    if key[0] == "joints":
-        name = row.column(key[1], _is_prismatic(robot, key[1]))
-        # The long name first: a file with both has the joint's own under it.
-        names = [name] if name in table.names else [x for x in [short_name(name)] if x not in used]
-        return tuple(x for x in names if x in table.names)
-    base = robot.floating_base
-    is_own = row.name != "angle" or (base is not None and base.normal is not None)
-    names = [*row.columns(key[-1])] if is_own and row.name != "acceleration" else []
-    return tuple(name for name in names if name in table.names)
 
 
 def of_other_names(description: LogDescription, robot: Robot) -> LogDescription:
@@ -335,13 +346,18 @@ def _names(
     Those of a vector that is to be turned into the frame of `BaseLog`, and of the deflection of a
     spring, have names of their own.
     """
-    owner, base = key[-1], robot.floating_base
-    if key[0] == "joints":
-        own = row.column(owner, _is_prismatic(robot, owner))
-        is_of_spring = row.name == "deflection" and source != Source((own,))
-        return (
-            (f"{owner}.deflection_{_unit_of(robot, owner, row.name)}",) if is_of_spring else (own,)
-        )
+    if key[0] != "joints":
+        return _names_of_vector(where, key[-1], row, source, robot)
+    own = row.column(key[1], _is_prismatic(robot, key[1]))
+    is_of_spring = row.name == "deflection" and source != Source((own,))
+    spring = f"{key[1]}.deflection_{_unit_of(robot, key[1], row.name)}"
+    return (spring if is_of_spring else own,)
+
+
+def _names_of_vector(
+    where: str, owner: str, row: Quantity, source: Source, robot: Robot
+) -> tuple[str, ...]:
+    base = robot.floating_base
     assert base is not None
     if row.name == "angle" and base.normal is None:
         raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
@@ -351,11 +367,9 @@ def _names(
     needed = needed_columns(base, row.name) if row.name in CHANNELS else names
     if row.name == "acceleration" or frame != row.frame:
         needed = names = tuple(f"base.{row.name}_in_{frame}_{x}" for x in row.axes)
-    if len(source.columns) == len(names):
-        return names
-    if len(source.columns) != len(needed):
+    if len(source.columns) not in (len(names), len(needed)):
         raise LogError(f"{where}: has {len(source.columns)} columns, needs {len(needed)}")
-    return needed
+    return names if len(source.columns) == len(names) else needed
 
 
 def _is_prismatic(robot: Robot, joint: str) -> bool:

@@ -211,11 +211,7 @@ def _labels(table: Table, names: Sequence[str], robot: Robot | None) -> dict[str
     columns = [name for name in table.names if f"{name}[0]" not in table.names]
     if len(names) != len(columns):
         arrays = {name for name in names if meaning_of(name).quantity != "time"}
-        # The arrays share the columns equally.
-        width = (len(columns) - len(names) + len(arrays)) // max(len(arrays), 1)
-        of_robot = ((), ()) if robot is None else (robot.joint_names, every_joint(robot))
-        places = next((joints for joints in of_robot if len(joints) == width), ())
-        places = places if robot else tuple(map(str, range(width)))
+        places = _places(len(columns) - len(names) + len(arrays), len(arrays), robot)
         spelled = ([f"{x}[{place}]" for place in places] if x in arrays else [x] for x in names)
         names = [*chain.from_iterable(spelled)]
     if len(names) != len(columns):
@@ -226,6 +222,15 @@ def _labels(table: Table, names: Sequence[str], robot: Robot | None) -> dict[str
             "columns=",
         )
     return dict(zip(columns, names, strict=True))
+
+
+def _places(columns: int, arrays: int, robot: Robot | None) -> Sequence[str]:
+    """Return the joints, or places, of each of several arrays that share columns equally."""
+    width = columns // max(arrays, 1)
+    if robot is None:
+        return [*map(str, range(width))]
+    sets = (robot.joint_names, every_joint(robot))
+    return next((joints for joints in sets if len(joints) == width), ())
 
 
 def _set_clocks(
@@ -265,12 +270,17 @@ def _gains(samples: Block, inference: Inference) -> dict[str, Controller]:
         meaning = inference.meanings[name]
         is_commanded = not inference.joints.get(meaning.joint, {}).keys().isdisjoint(COMMANDS)
         if meaning.quantity in _GAINS and is_commanded:
-            gain, *others = {*values[np.isfinite(values)]} or {-1.0}
-            is_gain = not others and gain >= 0
-            inference.note(name, "gain" if is_gain else "gain_changes", unit=unit)
-            if is_gain:
-                gains.setdefault(meaning.joint, {})[meaning.quantity] = float(gain)
+            gain = _constant(values)
+            inference.note(name, "gain_changes" if gain is None else "gain", unit=unit)
+            if gain is not None:
+                gains.setdefault(meaning.joint, {})[meaning.quantity] = gain
     return {joint: Controller(**x, is_up_to_scale=bool(supplies)) for joint, x in gains.items()}
+
+
+def _constant(values: Array) -> float | None:
+    """Return the only value of a gain, None if it changes or is negative."""
+    finite = values[np.isfinite(values)]
+    return float(finite[0]) if len({*finite}) == 1 and finite[0] >= 0 else None
 
 
 def _common_clock(

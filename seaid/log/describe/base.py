@@ -84,6 +84,17 @@ class Vector:
         return Source(self.columns, **{"scale": self.factor, **more})
 
 
+def force_sensors(vectors: Sequence[Vector]) -> dict[str, dict[str, Vector]]:
+    """Return {sensor: {"force" and "moment": vector}} of what is no command."""
+    sensors: dict[str, dict[str, Vector]] = {}
+    for vector in vectors:
+        match = _WRENCH.fullmatch(vector.stem)
+        if match and len(vector.columns) == 3 and not is_commanded(vector.stem):
+            quantity = "force" if match[2].lower().startswith("f") else "moment"
+            sensors.setdefault(match[1], {})[quantity] = vector
+    return {sensor: parts for sensor, parts in sensors.items() if "force" in parts}
+
+
 def infer_base(table: Table, inference: Inference, robot: Robot) -> None:
     """Find the base and the contacts of a log, and the joints that are in arrays with the base.
 
@@ -158,16 +169,12 @@ class _Search:
         Columns that differ in their last number, as "gyro_0", are a vector if there are as many as
         of a vector of the base, or of its contacts.
         """
-        groups: dict[tuple[str, str], dict[str, tuple[str, float]]] = {}
-        for name in self.inference.data:
-            file = self.table.files.get(name, "")
-            form, stem, place, factor = place_of(self.table.label(name), file)
-            groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
+        groups = self._groups()
         sizes = {3, 4, 7, *self.widths, len(self.floating.contacts)}
         vectors = []
         for (form, stem), parts in groups.items():
             is_known = ("array", stem) in groups or len(parts) not in sizes
-            if form == "" or (form == "number" and is_known):
+            if form == "number" and is_known:
                 continue
             places = self._axes(stem, parts) if form == "axis" else sorted(parts, key=int)
             if places:
@@ -175,6 +182,16 @@ class _Search:
                 factor = factors[0] if len({*factors}) == 1 else 1.0
                 vectors.append(Vector(stem, columns, factor, is_array=form != "axis"))
         return vectors
+
+    def _groups(self) -> dict[tuple[str, str], dict[str, tuple[str, float]]]:
+        """Return {(form, stem): {place: (column, factor)}} of the columns."""
+        groups: dict[tuple[str, str], dict[str, tuple[str, float]]] = {}
+        for name in self.inference.data:
+            file = self.table.files.get(name, "")
+            form, stem, place, factor = place_of(self.table.label(name), file)
+            if form:
+                groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
+        return groups
 
     def _axes(self, stem: str, parts: Collection[str]) -> list[str]:
         """Return the axes of a whole vector in order, none of one that lacks an axis: note that."""
@@ -195,9 +212,7 @@ class _Search:
         names, n = list(self.inference.data), self.robot.n
         if self.table.files or not all(map(str.isdecimal, names)):
             return []
-        # A pose is three coordinates and then a quaternion.
-        starts = range(len(names) - n - 6)
-        start = next((x for x in starts if self.is_quaternion(names[x + 3 : x + 7])), None)
+        start = self._start_of_pose(names)
         if start is None:
             return []
         place = start + n + 7
@@ -214,6 +229,11 @@ class _Search:
         self.note(about, "one_table", vectors=parts)
         return vectors
 
+    def _start_of_pose(self, names: Sequence[str]) -> int | None:
+        """Return the first of n + 7 columns that have three coordinates and then a quaternion."""
+        starts = range(len(names) - self.robot.n - 6)
+        return next((x for x in starts if self.is_quaternion(names[x + 3 : x + 7])), None)
+
     def _likeness(self, vector: Vector, rate: Vector) -> float:
         """Return the cosine of the derivative of one array and another one, by their joints."""
         values, rates = (self.samples(x.columns[-self.robot.n :]) for x in (vector, rate))
@@ -223,20 +243,18 @@ class _Search:
         """Take arrays of n, n + 3, n + 6 or n + 7 columns for states of base and joints."""
         widths = {self.robot.n, *self.widths} - {*range(5)}
         arrays = [x for x in vectors if x.is_array and len(x.columns) in widths]
-        quantities = {vector: self._named_quantity(vector) for vector in arrays}
-        positions = [
-            vector
-            for vector, quantity in quantities.items()
-            if quantity == "position" and meaning_of(vector.stem).is_raw
-        ]
-        pose = self.robot.n + 7
-        unnamed = [x for x in arrays if not quantities[x] and len(x.columns) != pose]
-        if positions:
-            position = max(positions, key=lambda vector: len(vector.columns))
-            quantities |= self._derivatives(position, unnamed)
-        for vector, quantity in quantities.items():
+        for vector, quantity in self._state_quantities(arrays).items():
             if quantity:
                 self._take_state(vector, quantity)
+
+    def _state_quantities(self, arrays: Sequence[Vector]) -> dict[Vector, str]:
+        """Return the quantities of arrays by their names, by a quaternion, and as derivatives."""
+        quantities, pose = {x: self._named_quantity(x) for x in arrays}, self.robot.n + 7
+        states = (x for x in arrays if quantities[x] == "position" and meaning_of(x.stem).is_raw)
+        unnamed = [x for x in arrays if not quantities[x] and len(x.columns) != pose]
+        if position := max(states, key=lambda vector: len(vector.columns), default=None):
+            quantities |= self._derivatives(position, unnamed)
+        return quantities
 
     def _named_quantity(self, vector: Vector) -> str:
         """Return the quantity of an array by its name, of one with a pose by its quaternion."""
@@ -283,14 +301,17 @@ class _Search:
                 self.base.setdefault("position", Source(vector.columns[:3]))
             self.base.setdefault("orientation", Source(vector.columns[-4:], order=order))
         elif width == 3 and kind == "specific_force":
-            values = vector.factor * self.samples(vector.columns)
-            # One without gravity is an acceleration in the axes of the base.
-            if factor := self._acceleration_factor(vector.stem, values, "no_gravity"):
-                self.base.setdefault(kind, vector.source(scale=factor * vector.factor))
-            else:
-                self.base.setdefault("acceleration", vector.source(frame="base"))
+            self._take_acceleration(vector)
         elif width == 3 and kind not in ("", "orientation"):
             self.base.setdefault(kind, vector.source())
+
+    def _take_acceleration(self, vector: Vector) -> None:
+        """Take an acceleration with gravity, or one without it in the axes of the base."""
+        values = vector.factor * self.samples(vector.columns)
+        if factor := self._acceleration_factor(vector.stem, values, "no_gravity"):
+            self.base.setdefault("specific_force", vector.source(scale=factor * vector.factor))
+        else:
+            self.base.setdefault("acceleration", vector.source(frame="base"))
 
     def _acceleration_factor(self, about: str, values: Array, doubt: str) -> float:
         """Return the factor to m/s^2 of an acceleration (T, k), zero with a note of its `doubt`."""
@@ -309,13 +330,7 @@ class _Search:
 
         Return the forces of the others.
         """
-        sensors: dict[str, dict[str, Vector]] = {}
-        for vector in vectors:
-            match = _WRENCH.fullmatch(vector.stem)
-            if match and len(vector.columns) == 3 and not is_commanded(vector.stem):
-                quantity = "force" if match[2].lower().startswith("f") else "moment"
-                sensors.setdefault(match[1], {})[quantity] = vector
-        sensors = {sensor: parts for sensor, parts in sensors.items() if "force" in parts}
+        sensors = force_sensors(vectors)
         shared = {sensor: nearest(sensor, self.floating.contact_links) for sensor in sensors}
         rest = {}
         for sensor, parts in sensors.items():
@@ -337,13 +352,16 @@ class _Search:
             label = self.table.label(name)
             if is_of_base(label, "contact") and (link := nearest(label, every)[0]) in links:
                 self._take_contact(link, name)
-        arrays = [
-            x for x in vectors if is_of_base(x.stem, "contact") and len(x.columns) == len(links)
-        ]
-        if arrays and tables.keys() <= {("base",)}:
-            for link, name in zip(links, arrays[0].columns, strict=True):
+        if tables.keys() <= {("base",)}:
+            self._take_in_order(links, vectors)
+
+    def _take_in_order(self, links: Sequence[str], vectors: Sequence[Vector]) -> None:
+        """Take an array for the contacts of the robot in their order."""
+        arrays = (x for x in vectors if len(x.columns) == len(links))
+        if vector := next((x for x in arrays if is_of_base(x.stem, "contact")), None):
+            for link, name in zip(links, vector.columns, strict=True):
                 self._take_contact(link, name)
-            self.note(arrays[0].stem, "contacts_in_order", links=", ".join(links))
+            self.note(vector.stem, "contacts_in_order", links=", ".join(links))
 
     def _take_contact(self, link: str, name: str) -> None:
         """Take a column for a flag, or for a force with a threshold in the middle of its range."""
@@ -382,10 +400,7 @@ class _Search:
         turns = {x: vectors[x] for x in ("angle", "angular_velocity") if x in vectors}
         vectors |= {quantity: self._in_radians(source) for quantity, source in turns.items()}
         if len(turns) == 2:
-            # Steps over rates: constant factors are in both norms and do not change the cosine.
-            angle, rate = (self.samples(source.columns) for source in turns.values())
-            if _cosine(np.diff(angle, axis=0), rate[:-1]) < _OPPOSITE:
-                self.note(turns["angular_velocity"].column, "opposite_rate")
+            self._check_signs(*turns.values())
         # If the normal points up, gravity is along it, and no component in the plane feels it.
         if "specific_force" in vectors and abs(float(self.floating.normal_in_world[2])) < 0.5:
             force = vectors.pop("specific_force")
@@ -394,24 +409,35 @@ class _Search:
                 vectors["specific_force"] = replace(force, scale=factor)
         self.inference.tables["base",] = {**vectors, **self.base}
 
+    def _check_signs(self, *turns: Source) -> None:
+        """Note an angle whose derivative is minus the angular velocity."""
+        angle, rate = (self.samples(source.columns) for source in turns)
+        # Steps over rates: constant factors are in both norms and do not change the cosine.
+        if _cosine(np.diff(angle, axis=0), rate[:-1]) < _OPPOSITE:
+            self.note(turns[1].column, "opposite_rate")
+
     def _planar_vectors(self, normal: str) -> dict[str, Source]:
         """Return the vectors of single columns that nothing else has taken; note a lacking axis."""
         axes = dict.fromkeys(PLANAR, "xyz".replace(normal, ""))
         axes |= {"angle": normal, "angular_velocity": normal}
-        parts: dict[str, dict[str, str]] = {quantity: {} for quantity in axes}
+        vectors, parts = dict[str, Source](), self._planar_columns(normal)
+        for quantity in [quantity for quantity in axes if quantity in parts]:
+            columns = parts[quantity]
+            if lacking := [axis for axis in axes[quantity] if axis not in columns]:
+                self.note(next(iter(columns.values())), "no_plane_axis", axis=lacking[0])
+            else:
+                vectors[quantity] = Source(tuple(columns[axis] for axis in axes[quantity]))
+        return vectors
+
+    def _planar_columns(self, normal: str) -> dict[str, dict[str, str]]:
+        """Return {quantity: {axis: column}} of single columns that nothing else has taken."""
         taken, joints = self.taken, self.robot.joint_names
+        parts = dict[str, dict[str, str]]()
         for column in [x for x in self.inference.data if x not in taken]:
             quantity, axis = planar_meaning(self.table.label(column), normal)
             if quantity and self.inference.meanings[column].joint not in joints:
-                parts[quantity].setdefault(axis, column)
-        vectors = dict[str, Source]()
-        for quantity, columns in parts.items():
-            lacking = [axis for axis in axes[quantity] if axis not in columns]
-            if not lacking:
-                vectors[quantity] = Source(tuple(columns[axis] for axis in axes[quantity]))
-            elif columns:
-                self.note(next(iter(columns.values())), "no_plane_axis", axis=lacking[0])
-        return vectors
+                parts.setdefault(quantity, {}).setdefault(axis, column)
+        return parts
 
     def _in_radians(self, source: Source) -> Source:
         """Return the source of an angle or its rate, in degrees by its name or its range."""

@@ -252,10 +252,15 @@ def _in_order(labels: Sequence[str], joints: Sequence[str], inference: Inference
         names = (x or "columns without a joint" for x in labels[: len(joints)])
         inference.note(", ".join(names), "in_order")
     if not all(map(_number_in, labels)) and not len(labels) == len(joints) == 1:
-        for name, meaning in inference.meanings.items():
-            if meaning.joint in labels and is_sensor(meaning):
-                inference.note(name, "guessed_joint")
+        _note_guesses(labels, inference)
     return dict(zip(labels, joints, strict=False))
+
+
+def _note_guesses(labels: Sequence[str], inference: Inference) -> None:
+    """Note the sensors of joints whose labels say nothing of their order."""
+    for name, meaning in inference.meanings.items():
+        if meaning.joint in labels and is_sensor(meaning):
+            inference.note(name, "guessed_joint")
 
 
 def take_quantities(inference: Inference, joint: str) -> None:
@@ -340,10 +345,13 @@ class _Columns:
             self.sources["motor_position"] = replace(self.sources["motor_position"], unit="deg")
             self.note(motor[0], "also_degrees")
         if [*self.sources] == ["joint_position"] and not self.meaning(load[0]).side:
-            # Usual is the side of the joint, within its limits.
-            factor = POSITION_FACTORS.get(self.sources["joint_position"].unit or "rad", np.nan)
-            fits = self.inference.is_within(load[0], factor, self.joint)
-            self.note(load[0], "joint_side", is_usual=fits and not self.inference.is_of_a_drive)
+            self._note_side(self.sources["joint_position"])
+
+    def _note_side(self, source: Source) -> None:
+        """Note the side of an only position: usual is that of the joint, within its limits."""
+        factor = POSITION_FACTORS.get(source.unit or "rad", np.nan)
+        fits = self.inference.is_within(source.column, factor, self.joint)
+        self.note(source.column, "joint_side", is_usual=fits and not self.inference.is_of_a_drive)
 
     def _sides_by_range(self, names: list[str]) -> tuple[list[str], list[str]]:
         """Return motor positions and joint positions, if no name states the motor's side."""
@@ -526,15 +534,15 @@ class _Columns:
         if abs(abs(ratio / known) - 1) > SCALE_SPREAD:
             self.note(self.joint, "gear_ratio", ratio=ratio)
         if ratio < 0:
-            # Position and effort of the motor turn together, so that their power keeps its sign; a
-            # torque that was converted to the joint has the joint's sign already.
-            of_motor = [x for x in self.sources if x in _MOTOR_SIDE]
-            turned = [x for x in of_motor if self.sources[x].side != "joint"]
-            for quantity in turned:
-                source = self.sources[quantity]
-                self.sources[quantity] = replace(source, sign=-source.sign)
-            columns = (self.sources[quantity].column for quantity in turned)
-            self.note(listed(columns), "turns_against")
+            self._turn()
+
+    def _turn(self) -> None:
+        """Negate what is on the motor's side of the gear."""
+        # Position and effort of the motor turn together, so that their power keeps its sign; a
+        # torque that was converted to the joint has the joint's sign already.
+        sides = {x: y for x, y in self.sources.items() if x in _MOTOR_SIDE and y.side != "joint"}
+        self.sources.update({x: replace(source, sign=-source.sign) for x, source in sides.items()})
+        self.note(listed(source.column for source in sides.values()), "turns_against")
 
     def _in_si(self, source: Source) -> Array:
         """Return the samples of a position in rad or m, NaN for an unknown unit."""

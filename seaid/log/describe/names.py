@@ -225,9 +225,7 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
     """Return the parts of a name."""
     head, label, unit = _without_brackets(name)
     path = head.split("/") if head.startswith("/") else [head]
-    named = [_topic_part(part, joints) for part in reversed(path[1:-1])]
-    owners = [x[0] for x in named] + [x for _, x, _ in named if len(named) > 1 or x.isdigit()]
-    topic, of_topic = [texts for *_, texts in named], next(filter(None, owners), "")
+    topic, of_topic = _topic(path[1:-1], joints)
     field = _in_latin(path[-1])
     joint, words = _joint_of(label, joints), _words(field)
     if not label:
@@ -239,6 +237,13 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
         quantity = by_unit[0]
         words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
     return _Parts(topic, of_topic, field, words, texts, quantity, joint, label, unit)
+
+
+def _topic(path: Sequence[str], joints: Sequence[str]) -> tuple[list[list[str]], str]:
+    """Return the words of each part of a topic, and the joint or the label that they name."""
+    parts = [_topic_part(part, joints) for part in reversed(path)]
+    owners = [x[0] for x in parts] + [x for _, x, _ in parts if len(parts) > 1 or x.isdigit()]
+    return [texts for *_, texts in parts], next(filter(None, owners), "")
 
 
 def _topic_part(text: str, joints: Sequence[str]) -> tuple[str, str, list[str]]:
@@ -724,17 +729,22 @@ def planar_meaning(bare: str, normal: str) -> tuple[str, str]:
     if words & known["body"] and not axes:
         angles |= rest & known["angle"]
     rest -= axes | angles
-    if angles and not axes:
-        rest -= {"pos"}  # "base_pos_pitch_dot" is a rate
-        kinds = {"angle": known["position"], "angular_velocity": known["angular_velocity"]}
-    else:
-        kinds = {kind: known[kind] for kind in PLANAR}
-    # An unknown word makes it another column.
-    kind = next((kind for kind, of_kind in kinds.items() if rest <= of_kind), "")
+    is_angle = bool(angles) and not axes
+    kind = _planar_kind(rest - {"pos"} if is_angle else rest, is_angle)
     if kind in ("angle", "angular_velocity"):  # it may lack its axis: "gyro"
         return (kind, normal) if axes <= {normal} else ("", "")
     is_in_plane = len(axes) == 1 and axes != {normal}
     return (kind, axes.pop()) if kind and is_in_plane else ("", "")
+
+
+def _planar_kind(words: set[str], is_angle: bool) -> str:
+    """Return the quantity of words without axes; an unknown word makes it another column.
+
+    "base_pos_pitch_dot" is a rate.
+    """
+    kinds = {"position": "angle", "angular_velocity": "angular_velocity"} if is_angle else {}
+    known = _planar_words()
+    return next((kinds.get(x, x) for x in kinds or PLANAR if words <= known[x]), "")
 
 
 PLANAR = ("position", "velocity", "specific_force", "angular_velocity")
