@@ -248,10 +248,9 @@ class _Described:
 
 def completed(table: Table, description: LogDescription, robot: Robot) -> LogDescription:
     """Return a description with the columns of seaid for what it does not describe."""
-    described = [joint for joint in description.joints if joint not in robot.standing_joints]
-    for joint in described:
-        if joint not in robot.joint_names:
-            raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
+    unknown = description.joints.keys() - {*robot.standing_joints, *robot.joint_names}
+    for joint in filter(unknown.__contains__, description.joints):
+        raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
     rows, tables = _rows_of(robot, description.contacts), description.tables
     still = {("joints", joint) for joint in robot.standing_joints}
     keys = [key for key in dict.fromkeys([*tables, *rows]) if key not in still]
@@ -260,7 +259,7 @@ def completed(table: Table, description: LogDescription, robot: Robot) -> LogDes
         sources = tables.get(key, {})
         used = {column for source in sources.values() for column in source.used}
         logged = _own_sources(table, robot, key, rows.get(key, {}), used)
-        complete[key] = {**sources, **{x: y for x, y in logged.items() if x not in sources}}
+        complete[key] = {**sources, **logged, **sources}
     return description.with_tables(complete)
 
 
@@ -346,8 +345,9 @@ def _names(
     Those of a vector that is to be turned into the frame of `BaseLog`, and of the deflection of a
     spring, have names of their own.
     """
-    if key[0] != "joints":
-        return _names_of_vector(where, key[-1], row, source, robot)
+    base = robot.floating_base
+    if base is not None and key[0] != "joints":
+        return _names_of_vector(where, row.columns(key[-1]), row, source, base)
     own = row.column(key[1], _is_prismatic(robot, key[1]))
     is_of_spring = row.name == "deflection" and source != Source((own,))
     spring = f"{key[1]}.deflection_{_unit_of(robot, key[1], row.name)}"
@@ -355,21 +355,22 @@ def _names(
 
 
 def _names_of_vector(
-    where: str, owner: str, row: Quantity, source: Source, robot: Robot
+    where: str, names: tuple[str, ...], row: Quantity, source: Source, base: FloatingBase
 ) -> tuple[str, ...]:
-    base = robot.floating_base
-    assert base is not None
+    """Return the names of the channels of a vector, whose own columns have `names`."""
     if row.name == "angle" and base.normal is None:
         raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
-    names, frame = row.columns(owner), source.frame or row.frame
     if source == Source(source.columns) and {*source.columns} <= {*names}:
         return source.columns
-    needed = needed_columns(base, row.name) if row.name in CHANNELS else names
+    frame = source.frame or row.frame
     if row.name == "acceleration" or frame != row.frame:
-        needed = names = tuple(f"base.{row.name}_in_{frame}_{x}" for x in row.axes)
-    if len(source.columns) not in (len(names), len(needed)):
+        names = tuple(f"base.{row.name}_in_{frame}_{x}" for x in row.axes)
+    is_own = names == CHANNELS.get(row.name)
+    needed = needed_columns(base, row.name) if is_own else names
+    by_count = {len(needed): needed, len(names): names}
+    if len(source.columns) not in by_count:
         raise LogError(f"{where}: has {len(source.columns)} columns, needs {len(needed)}")
-    return names if len(source.columns) == len(names) else needed
+    return by_count[len(source.columns)]
 
 
 def _is_prismatic(robot: Robot, joint: str) -> bool:

@@ -296,14 +296,19 @@ class _Search:
         if is_of_base(vector.stem, "contact") or _is_elsewhere(vector.stem):
             return
         if width in (4, 7) and self.is_quaternion(vector.columns[-4:]):
-            order: Order | None = "wxyz" if width == 4 and not vector.is_array else None
-            if width == 7:
-                self.base.setdefault("position", Source(vector.columns[:3]))
-            self.base.setdefault("orientation", Source(vector.columns[-4:], order=order))
+            self._take_pose(vector)
         elif width == 3 and kind == "specific_force":
             self._take_acceleration(vector)
         elif width == 3 and kind not in ("", "orientation"):
             self.base.setdefault(kind, vector.source())
+
+    def _take_pose(self, vector: Vector) -> None:
+        """Take a quaternion for the orientation, and three columns before it for the position."""
+        is_alone = len(vector.columns) == 4
+        order: Order | None = "wxyz" if is_alone and not vector.is_array else None
+        if not is_alone:
+            self.base.setdefault("position", Source(vector.columns[:3]))
+        self.base.setdefault("orientation", Source(vector.columns[-4:], order=order))
 
     def _take_acceleration(self, vector: Vector) -> None:
         """Take an acceleration with gravity, or one without it in the axes of the base."""
