@@ -363,7 +363,7 @@ def _names_of_vector(
     if source == Source(source.columns) and {*source.columns} <= {*names}:
         return source.columns
     frame = source.frame or row.frame
-    if row.name == "acceleration" or frame != row.frame:
+    if frame != _FRAMES.get(row.name):
         names = tuple(f"base.{row.name}_in_{frame}_{x}" for x in row.axes)
     is_own = names == CHANNELS.get(row.name)
     needed = needed_columns(base, row.name) if is_own else names
@@ -371,6 +371,10 @@ def _names_of_vector(
     if len(source.columns) not in by_count:
         raise LogError(f"{where}: has {len(source.columns)} columns, needs {len(needed)}")
     return by_count[len(source.columns)]
+
+
+_FRAMES = {name: OF_BASE[name].frame for name in CHANNELS}
+"""{field of `BaseLog`: the frame of its vector}."""
 
 
 def _is_prismatic(robot: Robot, joint: str) -> bool:
