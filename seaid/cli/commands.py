@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import seaid
-from seaid.cli.messages import begin, reported
+from seaid.cli.messages import MovedError, begin, reported
 from seaid.errors import shortened
 
 _SECTIONS = {
@@ -33,6 +33,30 @@ def summary_of(name: str) -> str:
     source = Path(__file__).with_name(f"{name}.py").read_text("utf-8")
     _, _, docstring = source.partition(f"\ndef {name}(")[2].partition('"""')
     return docstring.partition("\n")[0]
+
+
+MOVED = {
+    "crosscheck": "write seaid inspect URDF --exact",
+    "codegen": "write seaid export URDF -o FILE.py, or FILE.c",
+    "delays": "write seaid check URDF LOG --delays",
+    "gear-ratio": "write seaid check URDF LOG, whose table has the ratios",
+    "terms": "write seaid check URDF LOG --terms",
+    "refine": "write seaid identify URDF LOG --refine",
+    "conditions": "write seaid identify URDF --condition NAME=LOG --condition NAME=LOG",
+    "cross-validate": "write seaid validate URDF LOG LOG --cross",
+    "gains": "docs/how_to/position_commands.md says how a second set of gains differs",
+}
+"""{former command: what to write now}."""
+
+RENAMED = {
+    "--sides": "--method two-step or simultaneous",
+    "--rows": "--torque-joints",
+    "--joint-zero-std": "--encoder-offset-std",
+    "--drive-columns": "--drive-parameters",
+    "--allow-impossible": "--allow-inconsistent",
+    "--free-ends": "--ends-in-motion",
+}
+"""{former option: what to write now}."""
 
 
 class _WordReader:
@@ -86,8 +110,12 @@ class _Commands(_WordReader, TyperGroup):
                 formatter.write_dl([(name, summary_of(name)) for name in names])
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Note which command runs, and find it."""
+        """Note which command runs, refuse former names, and find the command."""
         begin(args[0] if args[0] in COMMANDS else "seaid", args)
+        if args[0] in MOVED:
+            raise MovedError(f"'seaid {args[0]}' is no longer there: {MOVED[args[0]]}")
+        for option in RENAMED.keys() & {word.partition("=")[0] for word in args}:
+            raise MovedError(f"'{option}' is no longer there: write {RENAMED[option]}")
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:

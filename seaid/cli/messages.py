@@ -55,6 +55,10 @@ class _Call:
     has_result: bool = False
 
 
+class MovedError(SeaidError):
+    """A former command: wrong usage, for which one line names what to write now."""
+
+
 _CALL: ContextVar[_Call] = ContextVar("_CALL")
 _CALL.set(_Call())
 
@@ -91,9 +95,10 @@ def reported() -> Iterator[None]:
         try:
             yield
         except SeaidError as problem:
-            _print_error_json(error_text(problem), 1)
+            code = 2 if isinstance(problem, MovedError) else 1
+            _print_error_json(error_text(problem), code)
             typer.echo(f"error: {error_text(problem)}", err=True)
-            raise typer.Exit(1) from None
+            raise typer.Exit(code) from None
         except _USAGE_ERROR as problem:
             _print_error_json(problem.format_message(), problem.exit_code)
             raise

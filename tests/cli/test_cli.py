@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 import seaid
-from seaid.cli.commands import COMMANDS, command_of, summary_of
+from seaid.cli.commands import COMMANDS, MOVED, RENAMED, command_of, summary_of
 from seaid.cli.messages import error_text
 from seaid.cli.program import main
 from seaid.errors import IdentificationError, LogError, RobotError
@@ -171,6 +171,24 @@ def test_a_file_that_is_there_is_overwritten_with_force_only(
     assert [one.read_text() for one in tmp_path.iterdir()] == ["mine"]
     done(*line, "--force")
     assert (tmp_path / beside).read_text() != "mine"
+
+
+@pytest.mark.parametrize("former", [*MOVED, *RENAMED])
+def test_a_former_word_names_what_to_write_now(former: str) -> None:
+    """What is named instead exists, and the JSON of a former command has the same error."""
+    instead = MOVED.get(former) or f"write {RENAMED[former]}"
+    words = ("identify", "arm.urdf", f"{former}=x") if former in RENAMED else (former, "arm.urdf")
+    name = former if former in RENAMED else f"seaid {former}"
+    message = f"'{name}' is no longer there: {instead}"
+    said = run(*words)
+    assert (said.code, said.out, said.err) == (2, "", f"error: {message}\n")
+    content = json.loads(run(*words, "--json").out)
+    assert content["error"] == {"message": message, "exit_code": 2}
+    named = re.findall(r"seaid (\w+)[^-]*((?:--?\w+[^-]*)*)", instead)
+    for command, *options in named or [("", instead)]:
+        commands = [command] if command else [*COMMANDS]
+        known = {word for one in commands for x in command_of(one).params for word in x.opts}
+        assert {*re.findall(r"(?<!\w)--?[a-z][\w-]*", " ".join(options))} <= known
 
 
 @pytest.mark.parametrize("command", [*COMMANDS])
