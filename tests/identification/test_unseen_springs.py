@@ -248,8 +248,6 @@ def test_windows_have_more_rows_than_initial_states(robot: Robot) -> None:
     """Below a low cutoff a row is longer than the short windows of the first estimates."""
     slow = replace(ANYDRIVE, highest_hz=0.8)
     result = identify(robot, simulated(slow, 12.0), cutoff_hz=0.95)
-    estimate = result.drives["arm"]
-    assert estimate.standard_error("stiffness") > abs(estimate.value("stiffness"))
     (finding,) = [one for one in result.warnings if one.code == "hidden-resonance"]
     assert finding.severity != "note"
 
