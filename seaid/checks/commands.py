@@ -3,8 +3,8 @@
 A controller takes the place of a torque sensor: what its commands, gains and limits contradict is
 seen in a log alone. Before a fit `setup` asks for `command_findings` and `no_measurements` of a
 log, for `torque_limits` and `gain_scales` of an experiment, which compete with the zeros of
-`bodies.poses`; `separation_findings` are those of all logs. After a fit there are
-`delay_estimate_findings`. A torque that is friction alone is seen by the bodies.
+`bodies.poses`. Of a fit there are `delay_estimate_findings`. A torque that is friction alone is
+seen by the bodies.
 """
 
 from __future__ import annotations
@@ -12,28 +12,24 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, combinations, product
+from itertools import chain, combinations
 
 import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution
-from seaid.checks import codes, engine
+from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.experiment import Experiment, Transform, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
-from seaid.drives.drives import NORMAL_95, stated_delay_s
+from seaid.drives.drives import NORMAL_95
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
-from seaid.estimation.least_squares import settled_weights
 from seaid.estimation.parameters import Bus, buses_of, is_stated
-from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
-from seaid.log import Log, Motion
+from seaid.estimation.qr_factor import residual_of
+from seaid.log import Log
 from seaid.log.commands import with_commanded_torque
 from seaid.log.description import changed_source
-from seaid.regressor import load_regression
-from seaid.regressor.load import load_model_of
-from seaid.regressor.regression import is_linear, stacked
 from seaid.robot import Robot
 
 
@@ -440,76 +436,9 @@ _OTHER_GAINS = (
 )
 
 
-_SUMS = {"armature": "motor_inertia", "friction": "viscous_friction"}
-"""{what the delay of commands changes: its parameter}."""
-
-
-def separation_findings(robot: Robot, motions: Sequence[Motion]) -> Iterator[Finding]:
-    """Yield, before a fit, what logs with one gain set determine of armature, friction and delay.
-
-    Of stiff drives; a delay that counts as known, but not exactly, is free here.
-    """
-    free = _free_delays(robot)
-    if not free or not is_linear(robot, list(free)) or not robot.base_is_held:
-        return
-    robot = robot.with_drives(free)
-    model = load_model_of(robot, motions, list(free))
-    rows = stacked([load_regression(robot, motion, model, {}) for motion in motions])
-    equation = engine.Equation(rows, settled_weights(qr_factor_of(rows)))
-    H = equation.weight[:, None] * rows.H / np.sqrt(np.mean(equation.residual**2))
-    others = [k for k, name in enumerate(rows.names) if name.quantity != DELAY_PARAMETER]
-    names = [rows.names[place] for place in others]
-    for bus in buses_of(robot.drives, rows.names):
-        columns = H[:, list(bus.places)]
-        # H_T = H_others s + rest: theta_others + s T is determined, and T itself by the rest alone.
-        # All delays of a bus are one, which has the sum of their columns.
-        change = scaled_svd(H[:, others]).solve(columns.sum(axis=1))
-        unshared = (columns.sum(axis=1) - H[:, others] @ change)[np.any(columns != 0, axis=1)]
-        reach = NORMAL_95 * bus.std_s
-        effect = reach * float(np.sqrt(np.mean(unshared**2)))
-        slopes = dict(zip(names, change.tolist(), strict=True))
-        yield _separation(robot, _joints_of(bus, rows.names), slopes, reach, effect)
-
-
-def _free_delays(robot: Robot) -> dict[str, Drive]:
-    """Return the stiff drives whose delay counts as known, but not exactly, with a free one."""
-    return {
-        joint: replace(drive, known=tuple(x for x in drive.known if x != DELAY_PARAMETER))
-        for joint, drive in robot.drives.items()
-        if stated_delay_s(drive) and not drive.is_elastic
-    }
-
-
 def _joints_of(bus: Bus, names: Sequence[ParameterName]) -> list[str]:
     """Return the joints of the delays of a bus."""
     return [names[place].owner for place in bus.places]
-
-
-def _separation(
-    robot: Robot, joints: Sequence[str], slopes: Mapping[str, float], reach: float, effect: float
-) -> Finding:
-    """Return the finding of one bus; `effect` is that of `reach` [s] over the residual."""
-    sums: list[str] = []
-    evidence = {"effect of the delay that nothing else has, over the residual": effect}
-    for joint, (name, parameter) in product(joints, _SUMS.items()):
-        slope = slopes.get(ParameterName(parameter, joint))
-        if slope is not None:
-            # From the motor to the joint.
-            slope *= robot.drives[joint].ratio ** 2
-            sums.append(f"{joint} {name} + {slope:.3g} T (+-{abs(slope) * reach:.2g} alone)")
-            evidence[f"{name} of {joint} per second of delay"] = slope
-    verdict, but, remedy = "separates", "", ""
-    if effect <= 1:
-        verdict, remedy = "does not separate", _OTHER_GAINS
-        but = "; it determines sums, and each alone only as well as T is known: "
-        but += listed(sums)
-    return codes.CODES["command-delay"].note(
-        f"before a fit: this log {verdict} the delay T of the commands from rotor inertia and "
-        f"viscous friction{but}. {reach * 1e3:.3g} ms of T change the torque by {effect:.2g} times "
-        "the residual beyond what these and the other parameters explain",
-        evidence=evidence,
-        remedy=remedy,
-    )
 
 
 def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Finding]:

@@ -20,7 +20,7 @@ from seaid.checks import CODES, JointCheck
 from seaid.checks.channels import stop_findings, strength_findings, without_torque
 from seaid.checks.codes import Observation, guarded, is_wrong, merged, observed
 from seaid.checks.columns import Side
-from seaid.checks.commands import separation_findings
+from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
 from seaid.checks.model import model_findings, selections
 from seaid.checks.setup import joint_checks, log_findings, setup_findings
@@ -114,7 +114,6 @@ def check(
     by_log = [list(map(first_motion, group)) for group in groups]
     experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
     findings = findings_of_setup(experiment, {*robot.joint_names}, findings, in_memory)
-    findings += separation_findings(robot, motions)
     if not is_wrong(findings):
         findings += _quick_fit_findings(robot, in_memory, motions, findings)
     joints = joint_checks(experiment, motions, findings)
@@ -155,7 +154,7 @@ _OF_LOGS = ("delay", "encoder-offset")
 def _quick_fit_findings(
     robot: Robot, logs: Sequence[Log], motions: Sequence[Motion], known: Sequence[Finding]
 ) -> list[Finding]:
-    """Return what the equations show of the logs, by weighted least squares; [] without a fit."""
+    """Return what the equations show of logs and commands, by weighted least squares, if any."""
     with suppress(SeaidError):
         used = joints_with_torque(robot, motions)
         datasets: list[Dataset] = [*motions]
@@ -164,8 +163,9 @@ def _quick_fit_findings(
         condition = Condition(robot, datasets, used)
         fit = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
         sides = checked_sides(condition, fit, logs)
+        delays = delay_estimate_findings(robot, fit.load_side)
         shown = model_findings(selections(sides), known)
-        return [x for x in shown if x.severity != "note" and x.code in _OF_LOGS]
+        return [*(x for x in shown if x.severity != "note" and x.code in _OF_LOGS), *delays]
     return []
 
 

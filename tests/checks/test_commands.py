@@ -212,20 +212,6 @@ def go2(position_gain: float, velocity_gain: float) -> tuple[seaid.Robot, seaid.
     return robot, seaid.read_log("models/logs/go2_commands/go2_second_half.npz", robot)
 
 
-def test_the_sums_that_one_gain_set_determines_are_said_before_a_fit(urdf: Path) -> None:
-    """Those of the check are the effect of a delay on the estimates, within 5 %."""
-    log = mujoco_log(SOFT, 0.0, 2e-3, 0)
-    (found,) = seaid.check(robot_of(urdf, SOFT), log).warnings
-    assert found.code == "command-delay"
-    fits = [values_of(seaid.identify(robot_of(urdf, SOFT, delay), log)) for delay in (0, 1e-3)]
-    for name, parameter in (("armature", "motor_inertia"), ("friction", "viscous_friction")):
-        slope = (fits[0][parameter][0] - fits[1][parameter][0]) / 1e-3
-        evidence = found.evidence[f"{name} of j per second of delay"]
-        assert evidence == pytest.approx(slope, rel=0.05)
-    assert "this log separates the delay T" in found.message  # by gravity and inertia
-    assert not seaid.check(robot_of(urdf, SOFT, 0.0), log).warnings
-
-
 @pytest.mark.slow  # 1.1 s
 def test_a_torque_limit_that_is_not_stated_is_found_and_its_lines_repair_it(urdf: Path) -> None:
     robot = robot_of(urdf, SOFT)
@@ -255,7 +241,7 @@ def test_a_commanded_go2_has_no_mistake() -> None:
     (finding,) = seaid.check(*go2(20.0, 1.5)).warnings
     assert finding.code == "command-delay"
     assert "does not separate" in finding.message
-    assert "FL_hip_joint armature + " in finding.message
+    assert sum("delay of FL_" in name for name in finding.evidence) == 3
     assert 'known = ["command_delay"]' in finding.remedy
 
 
