@@ -25,7 +25,7 @@ from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
-from seaid.estimation.parameters import Bus, buses_of, is_stated
+from seaid.estimation.parameters import buses_of, is_stated
 from seaid.estimation.qr_factor import residual_of
 from seaid.log import Log
 from seaid.log.commands import with_commanded_torque
@@ -436,16 +436,11 @@ _OTHER_GAINS = (
 )
 
 
-def _joints_of(bus: Bus, names: Sequence[ParameterName]) -> list[str]:
-    """Return the joints of the delays of a bus."""
-    return [names[place].owner for place in bus.places]
-
-
 def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Finding]:
     """Yield, after a fit, sums that the log determines in place of delays, and unusual delays."""
     sums, evidence, stated_s = list[str](), dict[str, float](), 0.0
     for bus in buses_of(robot.drives, load_side.names):
-        joints, place = _joints_of(bus, load_side.names), bus.places[0]
+        joints, place = [load_side.names[x].owner for x in bus.places], bus.places[0]
         delay, std = float(load_side.values[place]), float(load_side.standard_errors[place])
         known = robot.drives[joints[0]].known
         is_sure = abs(delay) > tol.SIGNIFICANT * std and DELAY_PARAMETER not in known

@@ -23,7 +23,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import Code, Source, Sources, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.drives.terms import MOTOR_CONSTANTS
-from seaid.errors import Severity
+from seaid.errors import Severity, listed
 from seaid.estimation import qr_factor
 from seaid.estimation.covariance import correlated_rows
 from seaid.log import Motion, row_samples
@@ -42,14 +42,14 @@ _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
 KINDS = {
-    "sensors": ("of_sensors", tol.FEW, "torque between motor and sensor"),
-    "nominal": ("nominal", tol.SLIGHT, "torque (by the bodies of the robot file)"),
-    "encoders": ("of_encoders", tol.FEW, "motion between the encoders"),
-    "motor": ("of_motors", tol.FEW, "motor torque"),
-    "free": ("free", tol.FEW, "torque (by any bodies)"),
+    "of_sensors": (tol.FEW, "torque between motor and sensor"),
+    "nominal": (tol.SLIGHT, "torque (by the bodies of the robot file)"),
+    "of_encoders": (tol.FEW, "motion between the encoders"),
+    "of_motors": (tol.FEW, "motor torque"),
+    "free": (tol.FEW, "torque (by any bodies)"),
 }
-"""{kind of misfit: its property, what counts as none, and what it leaves unexplained}, those
-first that are quickly computed."""
+"""{kind of misfit, a property: what counts as none, and what it leaves unexplained}, those first
+that are quickly computed."""
 
 _ARRAYS = {
     "q": ("joint",),
@@ -665,14 +665,10 @@ class Experiment:
         rotor = [self.motor[2][:, j]] if has_rotor else []
         return np.column_stack([self.friction[j], gradual, *rotor])
 
-    def misfit(self, kind: str) -> Array:
-        """Return the misfit (n,) of a kind, see `KINDS`."""
-        return np.asarray(getattr(self, KINDS[kind][0]))
-
     @cached_property
     def misfits(self) -> dict[str, Array]:
         """All misfits (n,) by kind."""
-        return {kind: self.misfit(kind) for kind in KINDS}
+        return {kind: getattr(self, kind) for kind in KINDS}
 
     def pairs(self, joints: Iterable[int]) -> Iterator[tuple[int, int]]:
         """Return the pairs of joints of which one has a large misfit, of n joints O(n)."""
@@ -882,7 +878,7 @@ class Experiment:
         """
         # not by `misfits`, which computes all kinds: of most transforms only cheap ones are needed
         # n / 2 log(rms^2): the likelihood of Gaussian residuals at their most likely size.
-        squares = np.minimum(self.misfit(kind), tol.TWICE) ** 2 + KINDS[kind][1] ** 2
+        squares = np.minimum(getattr(self, kind), tol.TWICE) ** 2 + KINDS[kind][0] ** 2
         return float(np.nansum(rows * np.log(squares))) / 2
 
 
@@ -1077,16 +1073,29 @@ def multiplied(
     experiment: Experiment,
     factors: Mapping[int, float],
     channels: str,
-    message: str,
+    words: str,
     **more: Any,
 ) -> Transform:
-    """Return the transform that multiplies logged channels (q, m, t, s) of joints by factors."""
+    """Return the transform that multiplies logged channels (q, m, t, s) of joints by factors.
+
+    Its message says what they are: in other `words`, behind their `subject`.
+    """
     names = experiment.robot.joint_names
     entries = {names[j]: experiment.entries(j, channels, factor=x) for j, x in factors.items()}
+    message = f"{subject(experiment, [*factors], channels)} {words}"
     more |= {"channels": channels, "sources": entries}
     return Transform(
         code, message, scaled(experiment, factors, channels), only_joint([*entries]), **more
     )
+
+
+def subject(experiment: Experiment, joints: Sequence[int], channels: str) -> str:
+    """Return the words for logged channels of joints, with which a sentence about them begins."""
+    quantities = experiment.logged(joints[0], channels)
+    words = listed([f"{quantity.replace('_', ' ')}s" for quantity in quantities])
+    is_whole = len(joints) > 1 and {*experiment.used} <= {*joints}
+    names = [experiment.robot.joint_names[j] for j in joints]
+    return f"the {words} of {'all joints' if is_whole else listed(names)}"
 
 
 _USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)

@@ -215,8 +215,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
                 experiment,
                 {j: factors[j] for j in places},
                 channel,
-                f"the {side} encoders of {listed([robot.joint_names[j] for j in places])} have the "
-                f"angles of the {other}s, on the other side of the gear",
+                f"are the angles of the {other}s, on the other side of the gear",
                 remedy=f'# that is the gear: or, in place of the scale, side = "{other}"',
             )
 
@@ -326,36 +325,28 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
     )
 
 
-def _uncoupled(experiment: Experiment) -> list[tuple[int, int]]:
-    """Return (motor, joint) that the drives do not couple and a mechanism may."""
+def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
+    """Yield motors that turn with another joint too, and encoders that measure a sum of joints.
+
+    Motors of a differential turn with both of their joints, each also against its joint.
+    """
     robot = experiment.robot
-    return [
+    pairs = [  # (motor, joint) that the drives do not couple and a mechanism may
         (j, i)
         for j, i in product(_between_encoders(experiment), range(robot.n))
         if i != j and robot.joint_names[i] not in robot.drives[robot.joint_names[j]].transmission
         if robot.is_prismatic[i] == robot.is_prismatic[j]
     ]
-
-
-def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
-    """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
-    for j, i in _uncoupled(experiment):
+    for j, i in pairs:
         turns = float(_turns(experiment, j, [i])[0])
-        if abs(turns) < tol.POOR:
-            continue
-        yield (coupled := _coupled(experiment, {j: {i: turns}}))
-        if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
-            yield _against_another_link(experiment, coupled, i, j, float(np.sign(turns)))
-
-
-def differentials(experiment: Experiment) -> Iterator[Transform]:
-    """Yield pairs of motors that turn with both of their joints, each also against its joint."""
-    pairs = _uncoupled(experiment)
-    for j, i in (pair for pair in pairs if pair[0] < pair[1] and pair[::-1] in pairs):
-        turns = np.array([_turns(experiment, motor, [j, i]) for motor in (j, i)])
-        is_coupled = np.min(np.abs(turns[[0, 1], [1, 0]])) > tol.POOR
-        if is_coupled and abs(np.linalg.det(turns + np.eye(2))) > tol.POOR:
-            rows = ({j: float(x), i: float(y)} for x, y in turns)
+        if abs(turns) >= tol.POOR:
+            yield (coupled := _coupled(experiment, {j: {i: turns}}))
+            if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
+                yield _against_another_link(experiment, coupled, i, j, float(np.sign(turns)))
+        both = np.array([_turns(experiment, motor, [j, i]) for motor in (j, i)])
+        is_coupled = j < i and (i, j) in pairs and np.min(np.abs(both[[0, 1], [1, 0]])) > tol.POOR
+        if is_coupled and abs(np.linalg.det(both + np.eye(2))) > tol.POOR:
+            rows = ({j: float(x), i: float(y)} for x, y in both)
             yield _coupled(experiment, dict(zip((j, i), rows, strict=True)))
 
 

@@ -34,6 +34,7 @@ from seaid.checks.codes import (
     guarded,
     in_drives,
     observed,
+    only_joint,
     undecided,
 )
 from seaid.checks.experiment import (
@@ -46,6 +47,7 @@ from seaid.checks.experiment import (
     multiplied,
     near,
     scaled,
+    subject,
     with_torques_of,
 )
 from seaid.checks.verdict import JointCheck
@@ -58,7 +60,7 @@ from seaid.robot.transmission import group_of
 _MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""
 
-_DIRECT = ("free", "motor", "encoders", "sensors")
+_DIRECT = ("free", "of_motors", "of_encoders", "of_sensors")
 """Misfits that do not rest on the bodies of the robot file."""
 
 
@@ -144,7 +146,7 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
 def _is_contradicted(before: Experiment, transform: Transform) -> bool:
     """Whether a kind of misfit that matters grows by more than chance, which no mistake does."""
     for kind in KINDS:
-        x, y = (np.maximum(each.misfit(kind), tol.FEW) for each in (before, transform.changed))
+        x, y = (np.maximum(getattr(each, kind), tol.FEW) for each in (before, transform.changed))
         losses = before.independent_rows * np.log(y / x)
         # z standard errors are z^2 / 2 of a log likelihood.
         if np.nansum(np.where(y > tol.POOR, losses, 0.0)) >= tol.SURE**2 / 2:
@@ -215,7 +217,7 @@ def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) ->
         with guarded(transform.code, notes):
             changed = transform.changed
             cost = changed.file if experiment.has_bodies else changed.cost("free", rows)
-            cost += sum(changed.cost(kind, rows) for kind in ("motor", "encoders", "sensors"))
+            cost += sum(changed.cost(kind, rows) for kind in _DIRECT[1:])
             # one of several mistakes repairs its joints, while others still contradict the file
             nominal = changed.cost("nominal", rows) + transform.penalty
             costs[transform], count = (cost + transform.penalty, nominal), count + 1
@@ -244,7 +246,7 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
         before, after = (float(x.misfits[kind][j]) for x in (best.before, transform.changed))
         evidence |= {AS_GIVEN: before, "misfit without it": after}
         message += (
-            f": the part of the {KINDS[kind][2]} of {best.before.robot.joint_names[j]} that "
+            f": the part of the {KINDS[kind][1]} of {best.before.robot.joint_names[j]} that "
             f"is left unexplained falls from {before:.0%} to {after:.0%}"
         )
     else:
@@ -291,20 +293,7 @@ _OF_VALUES = (
 )
 """Mistakes that may be small."""
 
-# Factors on channels: signs, units of angles and of torques
-
-_NAMES = {
-    "joint_position": "joint encoder",
-    "motor_position": "motor encoder",
-    "joint_torque": "torque sensor",
-}
-
-
-def _words(experiment: Experiment, j: int, channels: str, several: str = "") -> str:
-    """Return the words for logged channels of a joint."""
-    names = experiment.logged(j, channels)
-    return " and ".join(f"{_NAMES.get(quantity, 'torque')}{several}" for quantity in names)
-
+# Factors on channels: signs, units of positions and of torques
 
 _SIGNS = {
     True: {"t": 0.0, "qm": 1.0, "qmts": 0.0},
@@ -312,29 +301,33 @@ _SIGNS = {
 }
 """{whether the encoders turn the same way: {channels of the opposite sign: penalty}}."""
 
+_REVERSED = {"mt": ": the gear reverses, its ratio is negative", "qmts": ": the joint as a whole"}
+"""{channels of the opposite sign: what that is}."""
+
 
 def _signs(experiment: Experiment) -> Iterator[Transform]:
-    for j in experiment.used:
-        joint, ratio = experiment.robot.joint_names[j], float(experiment.ratio[j])
+    """Yield signs: of the torques of all joints, and of the channels of each."""
+    opposite, used = "have the opposite sign", experiment.used
+    if len(used) > 1:
+        every = dict.fromkeys(used, -1.0)
+        yield multiplied(CODES["sign"], experiment, every, _torques(experiment), opposite)
+    for j in used:
         speeds = experiment.motor[1][:, j] * experiment.joint[1][:, j]
-        product = float(np.mean(speeds)) if experiment.both[j] else 1.0
-        # the motor of a coupled joint may turn either way
-        is_coupled = len(group_of(experiment.robot.transmission, j)) > 1
-        choices = _SIGNS[product > 0] | (_SIGNS[False] if is_coupled else {})
-        choices |= {"s": 0.0} if experiment.has_both_torques[j] else {}
-        for sides, penalty in choices.items():
-            words, code, evidence = _words(experiment, j, sides), CODES["sign"], {}
-            message = f"the {words} of {joint} has the opposite sign"
-            if sides == "qmts":
-                message = f"the whole joint {joint} has the opposite sign, {words}"
-            elif sides == "mt":
-                code, evidence = CODES["gear-ratio"], {"given ratio": ratio}
-                message = (
-                    f"the gear of {joint} reverses: its ratio is negative, so that motor encoder "
-                    "and torque have the opposite sign"
-                )
-            options = {"evidence": evidence, "penalty": penalty}
-            yield multiplied(code, experiment, {j: -1.0}, sides, message, **options)
+        choices = _SIGNS[not experiment.both[j] or float(np.mean(speeds)) > 0]
+        if len(group_of(experiment.robot.transmission, j)) > 1:
+            choices = choices | _SIGNS[False]  # the motor of a coupled joint may turn either way
+        sensors = {"s": 0.0} if experiment.has_both_torques[j] else {}
+        for sides, penalty in (choices | sensors).items():
+            of_gear = {"given ratio": float(experiment.ratio[j])} if sides == "mt" else {}
+            yield multiplied(
+                CODES["gear-ratio" if of_gear else "sign"],
+                experiment,
+                {j: -1.0},
+                sides,
+                opposite + _REVERSED.get(sides, ""),
+                evidence=of_gear,
+                penalty=penalty,
+            )
 
 
 _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
@@ -366,64 +359,63 @@ def _units_by(slope: float, is_length: bool) -> dict[str, float]:
 
 
 def _in_units(
-    experiment: Experiment, joints: Sequence[int], channels: str, words: str, slope: float = 0.0
+    experiment: Experiment, joints: Sequence[int], channels: str, slope: float = 0.0
 ) -> Iterator[Transform]:
     """Yield units of the positions of joints in which they can be, or which explain a slope."""
     logged, slides = experiment.logged(joints[0], channels[0]), experiment.robot.is_prismatic
     is_length = "joint_position" in logged and slides[joints[0]]
     for unit, factor in _units_by(slope, is_length).items():
-        if channels == "qm" and not gears.can_move(experiment, joints, factor):
-            continue
-        # The slope is motor over joint: a factor on the joint encoder divides it.
-        effect = factor if channels == "m" else 1 / factor
-        if slope and abs(math.log(slope * effect)) >= 3 * tol.SLIGHT:
-            continue
-        message, factors = f"the {words} in {unit}", dict.fromkeys(joints, factor)
-        yield multiplied(CODES["unit"], experiment, factors, channels, message)
+        if channels == "qm":
+            is_possible = gears.can_move(experiment, joints, factor)
+        else:  # the slope is motor over joint: a factor on the joint encoder divides it
+            effect = slope * (factor if channels == "m" else 1 / factor)
+            is_possible = not slope or abs(math.log(effect)) < 3 * tol.SLIGHT
+        if is_possible:
+            factors = dict.fromkeys(joints, factor)
+            yield multiplied(CODES["unit"], experiment, factors, channels, f"are in {unit}")
 
 
 def _positions(experiment: Experiment) -> Iterator[Transform]:
-    """Yield units of a joint's positions, at both sides or at the one that the slope suggests."""
+    """Yield units of positions, at both sides or at the one that the slope suggests.
+
+    They are those of each joint, or of all joints that turn.
+    """
+    slides, both = np.array(experiment.robot.is_prismatic), experiment.both
+    turning, pairs = (np.flatnonzero(x).tolist() for x in (~slides, ~slides & both))
+    slopes = {j: gears.other_slope(experiment, j) or 0.0 for j in {*experiment.used, *pairs}}
     for j in experiment.used:
-        joint, slope = experiment.robot.joint_names[j], gears.other_slope(experiment, j)
-        if not (experiment.robot.is_prismatic[j] and experiment.both[j]):
-            yield from _in_units(experiment, [j], "qm", f"positions of {joint} are")
-        for channel in "mq" if slope else "":
-            words = f"{_words(experiment, j, channel)} of {joint} is"
-            yield from _in_units(experiment, [j], channel, words, slope or 0.0)
+        if not (slides[j] and both[j]):
+            yield from _in_units(experiment, [j], "qm")
+        for channel in "mq" if slopes[j] else "":
+            yield from _in_units(experiment, [j], channel, slopes[j])
+    if len(turning) > 1:
+        yield from _in_units(experiment, turning, "qm")
+    if len(pairs) > 1:
+        values = [slopes[j] or 1.0 for j in pairs]
+        is_common = max(values) < (1 + 3 * tol.SLIGHT) * min(values)
+        for channel in "qm":
+            common = float(np.median(values)) if is_common else 0.0
+            yield from _in_units(experiment, pairs, channel, common)
 
 
 def _position_scales(experiment: Experiment) -> Iterator[Transform]:
-    """Yield factors on the positions of joints with one encoder, as by other counts per turn."""
-    for j in (j for j in experiment.used if not experiment.both[j]):
-        for factor, error, penalty in best_factors(experiment, partial(_rescaled, [j], "qm")):
-            words = f"the positions of {experiment.robot.joint_names[j]} are {1 / factor:.4g} +- "
-            words += f"{error / factor:.2g} times too large, as by other counts per turn"
+    """Yield factors on the positions of joints with one encoder, as by other counts per turn.
+
+    They are those of each joint, or one of all.
+    """
+    alone = [j for j in experiment.used if not experiment.both[j]]
+    for joints in dict.fromkeys([*((j,) for j in alone), tuple(alone)]) if alone else ():
+        for factor, error, penalty in best_factors(experiment, partial(_rescaled, joints, "qm")):
+            words = f"are {1 / factor:.4g} +- {error / factor:.2g} times too large, as by other "
+            words += "counts per turn"
             options = {"evidence": {"standard error": error / factor}, "penalty": penalty}
-            yield multiplied(CODES["unit"], experiment, {j: factor}, "qm", words, **options)
-
-
-def _all_channels(experiment: Experiment) -> Iterator[Transform]:
-    """Yield the sign of all torques, and units of all angles, at both sides or at one."""
-    used = experiment.used
-    if len(used) < 2:
-        return
-    message, factors = "the torques of all joints have the opposite sign", dict.fromkeys(used, -1.0)
-    yield multiplied(CODES["sign"], experiment, factors, _torques(experiment), message)
-    turns = ~np.array(experiment.robot.is_prismatic)
-    turning, both = (np.flatnonzero(x).tolist() for x in (turns, turns & experiment.both))
-    if len(turning) > 1:
-        yield from _in_units(experiment, turning, "qm", "positions of all joints are")
-    slopes = [gears.other_slope(experiment, j) or 1.0 for j in both]
-    is_common = bool(both) and max(slopes) < (1 + 3 * tol.SLIGHT) * min(slopes)
-    slope = float(np.median(slopes)) if is_common else 0.0
-    for side, name in (("q", "joint"), ("m", "motor")) if len(both) > 1 else ():
-        yield from _in_units(experiment, both, side, f"{name} encoders of all joints are", slope)
+            factors = dict.fromkeys(joints, factor)
+            yield multiplied(CODES["unit"], experiment, factors, "qm", words, **options)
 
 
 def _torques(experiment: Experiment) -> str:
     """Return the channels of the torques of all joints: with the sensors that agree with motors."""
-    return "t" if _is_off(experiment, "sensors", tol.POOR) else "ts"
+    return "t" if _is_off(experiment, "of_sensors", tol.POOR) else "ts"
 
 
 _UNITS = {"mNm": 1e3, "Ncm": 1e2, "kNm": 1e-3}
@@ -444,35 +436,38 @@ def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
         )
         slope = float(slope) * math.exp(-log_factor)
         if abs(slope - 1) > tol.SLIGHT:
-            words = f"the torque of {experiment.robot.joint_names[j]} is"
-            scale = _scale(experiment, [j], slope, words, error=error)
-            of_gear = [*_of_gear(experiment, j, slope, words)]
+            scale, of_gear = (
+                _scale(experiment, [j], slope, error),
+                [*_of_gear(experiment, j, slope)],
+            )
             # a fitted factor that is that of the gear is no other cause, a unit is
             yield from of_gear if of_gear and scale.penalty else [scale, *of_gear]
 
 
-def _of_gear(experiment: Experiment, j: int, slope: float, words: str) -> Iterator[Transform]:
+def _of_gear(experiment: Experiment, j: int, slope: float) -> Iterator[Transform]:
     """Yield the transforms of a torque that is that behind its gear, which is no unit."""
     lever = float(experiment.lever[j])
     if abs(math.log(lever)) > 2 * tol.POOR > abs(math.log(abs(slope) / lever)):
-        other = f"{words} {lever:.4g} times too large: that of the other side of the gear"
         yield multiplied(
             CODES["torque-scale"],
             experiment,
             {j: math.copysign(1 / lever, slope)},
             "t",
-            f"{other}{', with the opposite sign' * (slope < 0)}",
+            f"are {lever:.4g} times too large{_WITH_SIGN * (slope < 0)}: those of the other side "
+            "of the gear",
             evidence={"factor": slope},
         )
         if experiment.input(j) == "motor_torque" and slope > 0:
-            yield _behind_gears(experiment, [j], slope, words)
+            yield _behind_gears(experiment, [j], slope)
+
+
+_WITH_SIGN = ", with the opposite sign"
 
 
 def _scale(
     experiment: Experiment,
     joints: Sequence[int],
     slope: float,
-    words: str,
     error: float = 0.0,
     channels: str = "t",
 ) -> Transform:
@@ -485,20 +480,19 @@ def _scale(
     unit = min(_UNITS, key=lambda name: abs(math.log(size / _UNITS[name])))
     is_unit = abs(math.log(size)) > math.log(tol.FAR)
     exact = is_unit and abs(math.log(size / _UNITS[unit])) < math.log(tol.TWICE)
-    # A unit is one of few values and no fitted number: it costs one parameter less.
-    factor = sign / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
     times = max(size, 1 / size)
     spread = f" +- {times * error:.2g}" if error else ""
-    off = f"{times:.3g}{spread} times too {'large' if size > 1 else 'small'}"
-    off = (f"in {unit}" if exact else off) + ", with the opposite sign" * (sign < 0)
+    off = f"are {times:.3g}{spread} times too {'large' if size > 1 else 'small'}"
     stated = f"# torque_scale_std = {error:.2g} in the drives file: it is in all intervals then"
     is_of_motors = all(experiment.input(j) in experiment.logged(j, channels) for j in joints)
+    # A unit is one of few values and no fitted number: it costs one parameter less.
+    factor = sign / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
     return multiplied(
-        CODES["unit"] if is_unit else CODES["torque-scale"],
+        CODES["unit" if is_unit else "torque-scale"],
         experiment,
         dict.fromkeys(joints, factor),
         channels,
-        f"{words} {off}",
+        (f"are in {unit}" if exact else off) + _WITH_SIGN * (sign < 0),
         severity="wrong" if is_unit else "doubtful",
         evidence={"factor": slope, **({"standard error": times * error} if error else {})},
         penalty=float(not exact),
@@ -520,22 +514,21 @@ def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
     """
     scales = experiment.sensor_scales
     for j, (slope, error) in scales.items():
-        joint, relative = experiment.robot.joint_names[j], error / abs(slope)
         if abs(abs(slope) - 1) > max(tol.SLIGHT, tol.SURE * error):
-            words = f"the torque sensor of {joint} is"
-            yield _scale(experiment, [j], slope, words, error=relative, channels="s")
-            words = f"the motor torque of {joint}, by its constant or gear ratio, is"
-            yield _scale(experiment, [j], 1 / slope, words, error=relative)
+            yield _scale(experiment, [j], slope, error / abs(slope), channels="s")
+            yield _scale(experiment, [j], 1 / slope, error / abs(slope))
     factors = {j: float(f"{slope:.4g}") for j, (slope, _) in scales.items()}
     if min(factors.values(), default=0.0) > tol.TWICE:  # each by the ratio of its own gear
-        others = {j: float(np.median([*factors.values()])) for j in experiment.used}
-        message = (
-            "the motor torques of all joints are too small, by their constants or gear ratios, as "
-            f"their sensors show: {', '.join(f'{x:g}' for x in factors.values())} times those of "
-            f"{listed([experiment.robot.joint_names[j] for j in factors])}"
+        others = dict.fromkeys(experiment.used, float(np.median([*factors.values()])))
+        yield multiplied(
+            CODES["torque-scale"],
+            experiment,
+            others | factors,
+            "t",
+            "are too small, by their constants or gear ratios, as the torque sensors show: "
+            f"{listed([f'{x:g}' for x in factors.values()])} times those of the motors",
+            penalty=float(len(factors)),
         )
-        code, penalty = CODES["torque-scale"], float(len(factors))
-        yield multiplied(code, experiment, others | factors, "t", message, penalty=penalty)
 
 
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -544,21 +537,21 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     if len(used) < 2:
         return
     slopes = np.array([scale.shown for scale in experiment.scales.values()])
-    middle, words = float(np.median(slopes)), "the torques of all joints are"
-    channels, start = _torques(experiment), -math.log(middle) if middle > 0 else 0.0
+    middle, channels = float(np.median(slopes)), _torques(experiment)
+    start = -math.log(middle) if middle > 0 else 0.0
     # Known rotors show the factor beyond their own errors, whatever the masses of the file are.
     log_factor, error = best_value(experiment, partial(_rescaled, used, channels), start)
     is_shown = abs(log_factor) > max(tol.POOR, tol.SURE * error)
     factors = {middle: 0.0} | ({math.exp(-log_factor): error} if is_shown else {})
     for factor, known in factors.items():
         if factor > 0 and abs(factor - 1) >= tol.SLIGHT:
-            yield _scale(experiment, used, factor, words, error=known, channels=channels)
+            yield _scale(experiment, used, factor, known, channels)
     if middle <= 0 or abs(middle - 1) < tol.SLIGHT:
         return
     is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
     is_driven &= all(experiment.input(j) == "motor_torque" for j in used)
     if is_driven and 1 / tol.TWICE < float(np.median(slopes / lever)) < tol.TWICE:
-        yield _behind_gears(experiment, used, middle, words)
+        yield _behind_gears(experiment, used, middle)
     # `bodies` include the payloads, `robot.parameters` do not: these were weighed.
     heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
     yield Transform(
@@ -588,20 +581,18 @@ def _ratings(experiment: Experiment) -> Iterator[Transform]:
         every, by = experiment.scales.items(), "masses"
         parts = {j: 1 / scale.factor for j, scale in every if scale.factor > 0}
     if parts:
-        names = tuple(experiment.robot.joint_names[j] for j in parts)
         least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()
         yield multiplied(
             CODES["unit"],
             experiment,
             {j: float(f"{factor:.4g}") for j, factor in parts.items()},
             "t",
-            f"the torques of {', '.join(names)} are {least:.3g} to {largest:.3g} times those of "
-            "the bodies of the robot file, as parts of a rating of each motor are (per cent, per "
-            "mille)",
+            f"are {least:.3g} to {largest:.3g} times those of the bodies of the robot file, as "
+            "parts of a rating of each motor are (per cent, per mille)",
             remedy=f"# by the {by} of the robot file; the ratings in the data sheets are better",
             evidence={"least factor": least, "largest factor": largest},
             penalty=float(len(parts) if by == "masses" else 1),
-            joints=names,
+            joints=tuple(experiment.robot.joint_names[j] for j in parts),
         )
 
 
@@ -632,9 +623,7 @@ def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) 
     return {j: float(limits[j] / full) for j in experiment.used} if is_part and full >= 100 else {}
 
 
-def _behind_gears(
-    experiment: Experiment, joints: Sequence[int], factor: float, words: str
-) -> Transform:
+def _behind_gears(experiment: Experiment, joints: Sequence[int], factor: float) -> Transform:
     """Return the transform of motor torques that are those behind the gears."""
     names, is_behind = experiment.robot.joint_names, np.isin(np.arange(experiment.robot.n), joints)
     torque = np.where(is_behind, np.nan, experiment.torque)
@@ -642,9 +631,9 @@ def _behind_gears(
     sources = {names[j]: {"joint_torque": experiment.source(j, "motor_torque")} for j in joints}
     return Transform(
         CODES["unit"],
-        f"{words} measured behind the gear, and not at the motor",
+        f"{subject(experiment, joints, 't')} are measured behind the gear, and not at the motor",
         experiment.with_changes(torque=torque, sensed=sensed),
-        names[joints[0]] if len(joints) == 1 else "",
+        only_joint([*sources]),
         remedy='# or, if they are computed from currents: motor_torque = {..., side = "joint"}',
         evidence={"factor": factor},
         sources=sources,
@@ -733,7 +722,6 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
         order = np.arange(experiment.robot.n)
         order[[i, j]] = j, i
         for sides in _exchangeable(experiment, i, j):
-            words = "channels" if sides == "qmts" else _words(experiment, i, sides, "s")
             # constants and gains of motors stay with them where columns are exchanged
             stays = sides == "t" or experiment.robot.has_controllers
             factor = _constant(experiment, i) / _constant(experiment, j) if stays else 1.0
@@ -745,7 +733,7 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
             sources[second] = _of_other(experiment, i, sides, 1 / factor)
             if factor != 1:
                 changed = scaled(changed, {i: factor, j: 1 / factor}, "t")
-            message = f"the {words} of {first} and {second} are exchanged"
+            message = f"{subject(experiment, (i, j), sides)} are exchanged"
             yield Transform(code, message, changed, first, joints=pair, sources=sources)
 
 
@@ -785,7 +773,7 @@ def _is_severe(experiment: Experiment) -> bool:
 
 def _is_off(experiment: Experiment, kind: str, least: float) -> bool:
     """Whether the misfit of a kind is larger than `least` at some joint."""
-    return bool(np.nanmax(experiment.misfit(kind), initial=0.0) > least)
+    return bool(np.nanmax(getattr(experiment, kind), initial=0.0) > least)
 
 
 Generator = Callable[[Experiment], Iterator[Transform]]
@@ -807,17 +795,15 @@ MISTAKES: Possible = {
     },
     _is_severe: {
         bodies.quarter_turns: CODES["encoder-offset"],
-        _all_channels: CODES["unit"],
         gears.geared_encoders: CODES["unit"],
         _signs: CODES["sign"],
         _positions: CODES["unit"],
         _exchanges: CODES["swapped-joints"],
     },
-    partial(_is_off, kind="sensors", least=tol.SLIGHT): {_sensor_scales: CODES["torque-scale"]},
+    partial(_is_off, kind="of_sensors", least=tol.SLIGHT): {_sensor_scales: CODES["torque-scale"]},
     attrgetter("used"): {gears.gear_ratios: CODES["gear-ratio"], _times: CODES["time-unit"]},
-    partial(_is_off, kind="encoders", least=tol.FEW): {
+    partial(_is_off, kind="of_encoders", least=tol.FEW): {
         gears.coupled_motors: CODES["coupled-joints"],
-        gears.differentials: CODES["coupled-joints"],
         gears.undeclared_springs: CODES["gear-compliance"],
         gears.linkages: CODES["varying-ratio"],
     },

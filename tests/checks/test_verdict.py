@@ -79,7 +79,7 @@ def test_a_torque_of_the_wrong_sign_is_named_where_no_spring_explains_it() -> No
     spring = replace(drive, spring=("linear", "cubic"), nominal=values)
     robot = leg().with_drives({"knee_pitch": spring}).without_nominal()
     with pytest.raises(
-        seaid.errors.RobotError, match=r"^sign: the torque of knee_pitch has the opposite"
+        seaid.errors.RobotError, match=r"^sign: the motor torques of knee_pitch have the opposite"
     ):
         seaid.identify(robot, log)
 
