@@ -13,13 +13,14 @@ import scipy
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, moved_zeros, only_joint, with_payload
+from seaid.checks.codes import CODES, moved_zeros, only_joint, undecided, with_payload
 from seaid.checks.experiment import (
     Experiment,
     Transform,
     best_factors,
     best_value,
     moved,
+    multiplied,
     near,
     scaled,
 )
@@ -275,20 +276,12 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
     least = max(abs(bodies[10 * body]), 0.1)
     centre = bodies[10 * body + 1 : 10 * body + 4] / least
     starts = [centre] if mass else [[*centre, math.log(x * least)] for x in _STARTS]
-    # a place that no torque shows stays near the body
-    near_body = np.eye(3, 3 if mass else 4) / _FARTHEST_M
 
     def residual(x: Array) -> Array:
         # Three more residuals, (c - c_0) / 5 m, make a place unique that the torques do not show.
         return np.concatenate([R[:, :10] @ point(x) - R[:, 10], (x[:3] - centre) / _FARTHEST_M])
 
-    def jacobian(x: Array) -> Array:
-        slopes = moved(mass_at(x), mass_at(x) * x[:3])
-        if not mass:  # the derivative by log m is the point itself
-            slopes = np.column_stack([slopes, point(x)])
-        return np.vstack([R[:, :10] @ slopes, near_body])
-
-    fits = (scipy.optimize.least_squares(residual, x, jacobian, method="lm") for x in starts)
+    fits = (scipy.optimize.least_squares(residual, x, method="lm") for x in starts)
     x = min(fits, key=lambda fit: float(fit.cost)).x
     return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
 
@@ -351,11 +344,10 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     what, times, its_error = of_all if is_heavier else of_part
     mostly = f", mostly {link}, by {part:+.0%}" if is_heavier and is_mostly else ""
     word = "heavier" if of_mass[0] > 0 else "lighter"
-    rival, measurement = _other_explanation(experiment, link if is_mostly else "", total)
-    yield CODES["nominal-values"].finding(
+    finding = CODES["nominal-values"].finding(
         f"the torques need {what} {times:.3g} +- {its_error:.2g} times as heavy as in the robot "
         f"file{mostly}, if centres and shapes are those of the file; by the torques alone the "
-        f"robot is {abs(of_mass[0]):.0%} +- {of_mass[1]:.0%} {word}; or {rival}",
+        f"robot is {abs(of_mass[0]):.0%} +- {of_mass[1]:.0%} {word}",
         robot.joint_of(most) if is_mostly and not is_heavier else "",
         "note",
         {
@@ -365,22 +357,29 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
             "standard error of the mass": of_mass[1],
             f"relative change of {link}": part,
         },
-        f"{measurement}: if the file is wrong, the estimate needs no change",
-        "possible",
     )
+    rivals = _rivals(experiment, link if is_mostly else "", 1 + is_heavier * total)
+    yield undecided(finding, dict.fromkeys(rivals, 0.0))
 
 
-def _other_explanation(experiment: Experiment, mostly: str, total: float) -> tuple[str, str]:
-    """Return what else may explain the masses, and the measurement that decides.
+def _rivals(experiment: Experiment, mostly: str, times: float) -> Iterator[Finding]:
+    """Yield what else explains torques of bodies that are heavier, `mostly` a link, "" for all.
 
-    The relative change `total` of the mass is `mostly` that of a link, "" if it is not.
+    They are `times` as heavy. Where a torque is mostly that of an acceleration, so are positions
+    that are as many times too small.
     """
-    measurement = f"weigh {mostly or 'a link'}"
+    alone = [j for j in experiment.used if not experiment.both[j]]
+    if alone and times > 0 and abs(times - 1) > tol.POOR:
+        words = f"are {1 / times:.3g} times what they should be, as by counts per turn or gears"
+        options = CODES["unit"], experiment, dict.fromkeys(alone, times), "qm", words
+        turned, rows = multiplied(*options), experiment.independent_rows
+        costs = [x.file + x.cost("free", rows) for x in (turned.changed, experiment)]
+        if costs[0] < costs[1] + tol.SURE**2 / 2:
+            yield CODES["unit"].finding(turned.message)
     if np.any(experiment.robot.payload_parameters):
-        return "a payload has another mass than the one named", f"{measurement} and the payload"
-    if mostly:
-        return f"a payload on {mostly} was not named", measurement
-    return (
-        f"all torques are {1 + total:.3g} times what they should be",
-        f"{measurement}, or hold a known weight at a known distance and compare the torque",
-    )
+        yield CODES["payload"].finding("a payload has another mass than the one named")
+    elif mostly:
+        yield CODES["payload"].finding(f"a payload on {mostly} was not named")
+    else:
+        words = f"all torques are {times:.3g} times what they should be"
+        yield CODES["torque-scale"].finding(words)

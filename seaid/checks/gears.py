@@ -42,6 +42,7 @@ from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
 
 if TYPE_CHECKING:
+    from seaid.checks.channels import Logged
     from seaid.checks.columns import Side
 
 
@@ -275,6 +276,78 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     return findings, changed if findings else experiment
 
 
+def late_clocks(logged: Logged) -> Iterator[Finding]:
+    """Yield positions of joints, or torques, of a file with another clock than that of the motion.
+
+    That is the delay, of up to a second, at which the motion explains most of them: positions by
+    those of the motors, torques by positions, speeds and accelerations of all joints.
+    """
+    for name, log in logged.named:
+        time = np.linspace(log.time[0], log.time[-1], min(len(log.time), 4000))
+        smooth = partial(_resampled, log.time, time)
+        channels = partial(codes.channels_of, log, logged.used)
+        motors = {x.joint: smooth(x.values) for x in channels("motor_position")}
+        angles = {x.joint: smooth(x.values) for x in channels("joint_position")} | motors
+        motion = np.hstack([np.ones((len(time), 1)), *angles.values()])
+        speed = np.gradient(motion, time, axis=0)
+        motion = np.hstack([motion, speed, np.sign(speed), np.gradient(speed, time, axis=0)])
+        torques = ("motor_torque", "joint_torque", "motor_current")
+        explain = dict.fromkeys(torques, dict.fromkeys(angles, motion))
+        for quantity, columns in ({"joint_position": motors} | explain).items():
+            late = [x for x in channels(quantity) if x.joint in columns]
+            pairs = [(columns[x.joint], smooth(x.values)[:, 0]) for x in late]
+            if pairs and (finding := _late_clock(name, late, *_clock(time, pairs))):
+                yield finding
+                break  # a clock of the motors alone shifts all others
+
+
+def _late_clock(
+    name: str, late: Sequence[codes.Channel], delay_s: float, least: float, given: float
+) -> Finding | None:
+    """Return the finding of channels of one quantity, of which a delay explains what is `given`."""
+    if abs(delay_s) <= tol.LATE_S or not tol.FEW < given > least / tol.MOST < 1:
+        return None
+    quantity = late[0].quantity
+    entries = {x.joint: {quantity: x.changed(delay_s=round(delay_s, 3))} for x in late}
+    return codes.CODES["delay"].wrong(
+        f"the {quantity.replace('_', ' ')}s of {name} are {abs(delay_s):.3g} s "
+        f"{'late' if delay_s > 0 else 'early'} against the motion, as of a file with another "
+        f"clock: without that {least:.1%} of their squares are unexplained, not {given:.1%}",
+        evidence={"delay [s]": delay_s, codes.AS_GIVEN: given},
+        remedy=codes.in_description(entries, name),
+        certainty="certain",
+        joints=tuple(entries),
+    )
+
+
+def _resampled(time: Array, instants: Array, values: Array) -> Array:
+    """Return a channel (T, 1) at instants, without what is faster than a motion."""
+    column = np.interp(instants, time, values)[:, None]
+    return low_pass(column, 1 / float(instants[1] - instants[0]), 2 / tol.WINDOW_S)
+
+
+def _clock(time: Array, pairs: Sequence[tuple[Array, Array]]) -> tuple[float, float, float]:
+    """Return the delay at which columns explain most of channels, and what they leave with it.
+
+    It is zero unless it is that of most channels. What is left are parts of the squares, on average
+    over the pairs of columns (T, k) and a channel (T,); the last one is that without a delay.
+    """
+    step, parts = float(time[1] - time[0]), list[Array]()
+    most = min(round(1 / step), len(time) // 4)
+    for columns, channel in pairs:
+        X = with_constant(columns)[most : len(time) - most]
+        # Row k has the channel k - most samples later.
+        late = np.lib.stride_tricks.sliding_window_view(channel - np.mean(channel), len(X))
+        explained = np.sum((late @ scaled_svd(X).spans) ** 2, axis=1)
+        left = np.sum(late**2, axis=1) - explained
+        parts.append(left / np.maximum(len(X) * np.var(late, axis=1), np.finfo(float).tiny))
+    misfit = np.mean(parts, axis=0)
+    best = int(np.argmin(misfit))
+    agree = np.abs(np.argmin(parts, axis=1) - best) * step < tol.LATE_S
+    is_common = bool(np.mean(agree) > tol.MOST)
+    return is_common * step * (best - most), float(misfit[best]), float(misfit[most])
+
+
 def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
     """Yield joints of whose motion much is between the encoders, and no deflection explains it."""
     for j in _between_encoders(experiment):
@@ -325,28 +398,36 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
     )
 
 
-def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
-    """Yield motors that turn with another joint too, and encoders that measure a sum of joints.
-
-    Motors of a differential turn with both of their joints, each also against its joint.
-    """
+def _uncoupled(experiment: Experiment) -> list[tuple[int, int]]:
+    """Return (motor, joint) that the drives do not couple and a mechanism may."""
     robot = experiment.robot
-    pairs = [  # (motor, joint) that the drives do not couple and a mechanism may
+    return [
         (j, i)
         for j, i in product(_between_encoders(experiment), range(robot.n))
         if i != j and robot.joint_names[i] not in robot.drives[robot.joint_names[j]].transmission
         if robot.is_prismatic[i] == robot.is_prismatic[j]
     ]
-    for j, i in pairs:
+
+
+def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
+    """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
+    for j, i in _uncoupled(experiment):
         turns = float(_turns(experiment, j, [i])[0])
-        if abs(turns) >= tol.POOR:
-            yield (coupled := _coupled(experiment, {j: {i: turns}}))
-            if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
-                yield _against_another_link(experiment, coupled, i, j, float(np.sign(turns)))
-        both = np.array([_turns(experiment, motor, [j, i]) for motor in (j, i)])
-        is_coupled = j < i and (i, j) in pairs and np.min(np.abs(both[[0, 1], [1, 0]])) > tol.POOR
-        if is_coupled and abs(np.linalg.det(both + np.eye(2))) > tol.POOR:
-            rows = ({j: float(x), i: float(y)} for x, y in both)
+        if abs(turns) < tol.POOR:
+            continue
+        yield (coupled := _coupled(experiment, {j: {i: turns}}))
+        if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
+            yield _against_another_link(experiment, coupled, i, j, float(np.sign(turns)))
+
+
+def differentials(experiment: Experiment) -> Iterator[Transform]:
+    """Yield pairs of motors that turn with both of their joints, each also against its joint."""
+    pairs = _uncoupled(experiment)
+    for j, i in (pair for pair in pairs if pair[0] < pair[1] and pair[::-1] in pairs):
+        turns = np.array([_turns(experiment, motor, [j, i]) for motor in (j, i)])
+        is_coupled = np.min(np.abs(turns[[0, 1], [1, 0]])) > tol.POOR
+        if is_coupled and abs(np.linalg.det(turns + np.eye(2))) > tol.POOR:
+            rows = ({j: float(x), i: float(y)} for x, y in turns)
             yield _coupled(experiment, dict(zip((j, i), rows, strict=True)))
 
 

@@ -108,7 +108,7 @@ class _Trial:
         least = float(chdtri(max(transform.penalty, 1), tol.FEW / count)) / 2
         if self.shown > least:
             return remaining < tol.MOST and self.total > 0
-        is_possible = bool(self.falls) or transform.code.name in _OF_VALUES
+        is_possible = bool(self.falls) or _is_value(transform)
         is_explained = max(middle, remaining) < tol.SEVERE
         return self.shown + self.bodies > least and is_possible and is_explained
 
@@ -120,7 +120,7 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     only a fall by half counts there. Where nearly nothing is left it is noise, whose likelihood
     shows a value that is off by little.
     """
-    changed, is_value = transform.changed, transform.code.name in _OF_VALUES
+    changed, is_value = transform.changed, _is_value(transform)
     kinds, rows = [*before.misfits], before.independent_rows
     # misfits (kinds, n), of which nothing is less than a hundredth
     x, y = (np.maximum([*each.misfits.values()], tol.FEW) for each in (before, changed))
@@ -144,9 +144,14 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
 
 
 def _is_contradicted(before: Experiment, transform: Transform) -> bool:
-    """Whether a kind of misfit that matters grows by more than chance, which no mistake does."""
-    for kind in KINDS:
-        x, y = (np.maximum(getattr(each, kind), tol.FEW) for each in (before, transform.changed))
+    """Whether a kind of misfit that matters grows by more than chance, which no mistake does.
+
+    That of nominal bodies may grow by factors on channels with which a file explains more.
+    """
+    changed = transform.changed
+    is_by_file = bool(transform.channels) and changed.file < before.file
+    for kind in _DIRECT if is_by_file else KINDS:
+        x, y = (np.maximum(getattr(each, kind), tol.FEW) for each in (before, changed))
         losses = before.independent_rows * np.log(y / x)
         # z standard errors are z^2 / 2 of a log likelihood.
         if np.nansum(np.where(y > tol.POOR, losses, 0.0)) >= tol.SURE**2 / 2:
@@ -291,7 +296,13 @@ _OF_VALUES = (
     *("encoder-offset", "gear-compliance", "gear-ratio", "geometry", "gravity"),
     *("nominal-values", "payload", "rotor-inertia", "time-unit", "torque-scale"),
 )
-"""Mistakes that may be small."""
+"""Mistakes that may be small, as fitted factors on positions may be."""
+
+
+def _is_value(transform: Transform) -> bool:
+    is_factor = transform.channels == "qm" and "standard error" in transform.evidence
+    return transform.code.name in _OF_VALUES or is_factor
+
 
 # Factors on channels: signs, units of positions and of torques
 
@@ -376,26 +387,26 @@ def _in_units(
 
 
 def _positions(experiment: Experiment) -> Iterator[Transform]:
-    """Yield units of positions, at both sides or at the one that the slope suggests.
-
-    They are those of each joint, or of all joints that turn.
-    """
-    slides, both = np.array(experiment.robot.is_prismatic), experiment.both
-    turning, pairs = (np.flatnonzero(x).tolist() for x in (~slides, ~slides & both))
-    slopes = {j: gears.other_slope(experiment, j) or 0.0 for j in {*experiment.used, *pairs}}
+    """Yield units of a joint's positions, at both sides or at the one that the slope suggests."""
     for j in experiment.used:
-        if not (slides[j] and both[j]):
+        if not (experiment.robot.is_prismatic[j] and experiment.both[j]):
             yield from _in_units(experiment, [j], "qm")
-        for channel in "mq" if slopes[j] else "":
-            yield from _in_units(experiment, [j], channel, slopes[j])
+        slope = gears.other_slope(experiment, j) or 0.0
+        for channel in "mq" if slope else "":
+            yield from _in_units(experiment, [j], channel, slope)
+
+
+def _all_positions(experiment: Experiment) -> Iterator[Transform]:
+    """Yield units of the positions of all joints that turn, at both sides or at one."""
+    turns = ~np.array(experiment.robot.is_prismatic)
+    turning, pairs = (np.flatnonzero(x).tolist() for x in (turns, turns & experiment.both))
     if len(turning) > 1:
         yield from _in_units(experiment, turning, "qm")
-    if len(pairs) > 1:
-        values = [slopes[j] or 1.0 for j in pairs]
-        is_common = max(values) < (1 + 3 * tol.SLIGHT) * min(values)
-        for channel in "qm":
-            common = float(np.median(values)) if is_common else 0.0
-            yield from _in_units(experiment, pairs, channel, common)
+    slopes = [gears.other_slope(experiment, j) or 1.0 for j in pairs]
+    is_common = bool(pairs) and max(slopes) < (1 + 3 * tol.SLIGHT) * min(slopes)
+    slope = float(np.median(slopes)) if is_common else 0.0
+    for channel in "qm" if len(pairs) > 1 else "":
+        yield from _in_units(experiment, pairs, channel, slope)
 
 
 def _position_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -406,11 +417,17 @@ def _position_scales(experiment: Experiment) -> Iterator[Transform]:
     alone = [j for j in experiment.used if not experiment.both[j]]
     for joints in dict.fromkeys([*((j,) for j in alone), tuple(alone)]) if alone else ():
         for factor, error, penalty in best_factors(experiment, partial(_rescaled, joints, "qm")):
-            words = f"are {1 / factor:.4g} +- {error / factor:.2g} times too large, as by other "
-            words += "counts per turn"
+            words = f"{_off_by(1 / factor, error)}, as by other counts per turn"
             options = {"evidence": {"standard error": error / factor}, "penalty": penalty}
             factors = dict.fromkeys(joints, factor)
             yield multiplied(CODES["unit"], experiment, factors, "qm", words, **options)
+
+
+def _off_by(slope: float, error: float) -> str:
+    """Return the words for values that are `slope` times what they should be."""
+    times = max(slope, 1 / slope)
+    spread = f" +- {times * error:.2g}" if error else ""
+    return f"are {times:.3g}{spread} times too {'large' if slope > 1 else 'small'}"
 
 
 def _torques(experiment: Experiment) -> str:
@@ -477,12 +494,10 @@ def _scale(
     torques are those of motors (t) and of sensors (s).
     """
     size, sign = abs(slope), math.copysign(1.0, slope)
+    known = {"standard error": max(size, 1 / size) * error} if error else {}
     unit = min(_UNITS, key=lambda name: abs(math.log(size / _UNITS[name])))
     is_unit = abs(math.log(size)) > math.log(tol.FAR)
     exact = is_unit and abs(math.log(size / _UNITS[unit])) < math.log(tol.TWICE)
-    times = max(size, 1 / size)
-    spread = f" +- {times * error:.2g}" if error else ""
-    off = f"are {times:.3g}{spread} times too {'large' if size > 1 else 'small'}"
     stated = f"# torque_scale_std = {error:.2g} in the drives file: it is in all intervals then"
     is_of_motors = all(experiment.input(j) in experiment.logged(j, channels) for j in joints)
     # A unit is one of few values and no fitted number: it costs one parameter less.
@@ -492,9 +507,9 @@ def _scale(
         experiment,
         dict.fromkeys(joints, factor),
         channels,
-        (f"are in {unit}" if exact else off) + _WITH_SIGN * (sign < 0),
+        (f"are in {unit}" if exact else _off_by(size, error)) + _WITH_SIGN * (sign < 0),
         severity="wrong" if is_unit else "doubtful",
-        evidence={"factor": slope, **({"standard error": times * error} if error else {})},
+        evidence={"factor": slope, **known},
         penalty=float(not exact),
         remedy=stated * (error > 0 and not exact and is_of_motors),
     )
@@ -798,12 +813,14 @@ MISTAKES: Possible = {
         gears.geared_encoders: CODES["unit"],
         _signs: CODES["sign"],
         _positions: CODES["unit"],
+        _all_positions: CODES["unit"],
         _exchanges: CODES["swapped-joints"],
     },
     partial(_is_off, kind="of_sensors", least=tol.SLIGHT): {_sensor_scales: CODES["torque-scale"]},
     attrgetter("used"): {gears.gear_ratios: CODES["gear-ratio"], _times: CODES["time-unit"]},
     partial(_is_off, kind="of_encoders", least=tol.FEW): {
         gears.coupled_motors: CODES["coupled-joints"],
+        gears.differentials: CODES["coupled-joints"],
         gears.undeclared_springs: CODES["gear-compliance"],
         gears.linkages: CODES["varying-ratio"],
     },
@@ -837,7 +854,9 @@ def log_findings(
     used = robot.joint_names if torque_joints is None else torque_joints
     unmeasured = Observation(CODES["no-measurement"], _unmeasured)
     sizes = Observation(CODES["geometry"], _sizes)
-    return observed((*channels.OF_LOGS, unmeasured, sizes), channels.Logged(robot, logs, used))
+    clocks = Observation(CODES["delay"], gears.late_clocks)
+    checks = (*channels.OF_LOGS, unmeasured, clocks, sizes)
+    return observed(checks, channels.Logged(robot, logs, used))
 
 
 def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
@@ -895,7 +914,7 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     hiding = {"time-unit", "missing-drives", "wraps", "geometry", "gravity", "holes"}
     of_logs = {finding.code for finding in known if finding.severity != "note"}
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
-    if (of_logs & hiding) | (wrong & {"no-measurement"}):
+    if (of_logs & hiding) | (wrong & {"no-measurement", "delay"}):
         return []  # the torques show no other mistake
     slips, findings, notes = list[Finding](), list[Finding](), list[Finding]()
     with guarded(CODES["loose-encoder"], notes):

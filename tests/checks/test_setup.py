@@ -240,6 +240,68 @@ def test_an_only_encoder_at_the_other_side_of_the_gear_is_named(
     assert scale == pytest.approx(1 / ratio if side == "joint" else ratio)
 
 
+def two_links(axis: str, seed: int, folder: Path) -> tuple[Robot, Log]:
+    """Return two links behind gears of 50, whose rotors are unknown, and a log of the motors."""
+    links, joints = "", ""
+    for joint, link, parent, mass, x in (
+        ("a", "upper", "base", 4, 0),
+        ("b", "fore", "upper", 2, 0.4),
+    ):
+        moments = 'ixx="0.01" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"'
+        links += f'<link name="{link}"><inertial><origin xyz="0.2 0 0.02"/><mass value="{mass}"/>'
+        links += f"<inertia {moments}/></inertial></link>"
+        joints += f'<joint name="{joint}" type="revolute"><parent link="{parent}"/><child '
+        joints += f'link="{link}"/><origin xyz="{x} 0 0"/><axis xyz="{axis}"/>'
+        joints += '<limit lower="-3" upper="3" velocity="10" effort="300"/></joint>'
+    path = folder / "two.urdf"
+    path.write_text(f'<robot name="two"><link name="base"/>{links}{joints}</robot>')
+    drive = {"type": "stiff", "gear_ratio": 50.0, "friction": ["viscous", "coulomb"]}
+    robot, rng = load_robot(path, {"a": drive, "b": drive}), np.random.default_rng(seed)
+    time, w = np.arange(8000) / 500, rng.uniform(1, 6, (4, 2))
+    size, angle = (
+        rng.uniform(0.1, 0.35, (4, 2)),
+        w * time[:, None, None] + rng.uniform(0, 6, (4, 2)),
+    )
+    waves = size * np.sin(angle), size * w * np.cos(angle), -size * w**2 * np.sin(angle)
+    q, v, a = (np.sum(wave, axis=1) for wave in waves)
+    torque = joint_torques(robot, q, v, a) / 50 + 3e-5 * 50 * a + 0.002 * 50 * v + 0.05 * np.sign(v)
+    torque += 0.01 * np.std(torque, axis=0) * rng.normal(size=torque.shape)
+    return robot, log_with(("a", "b"), time, motor_position=50 * q, motor_torque=torque)
+
+
+@pytest.mark.parametrize("seed", quick_first([0, 1, 2]))
+@pytest.mark.parametrize("factor", [0.5, 2.0, 1.0])
+def test_encoders_of_other_counts_at_all_motors_are_no_clock(
+    factor: float, seed: int, tmp_path: Path
+) -> None:
+    robot, log = two_links("0 1 0", seed, tmp_path)
+    wrong = replace(log, motor_position=factor * log.motor_position)
+    findings = [x for x in mistakes(experiment(robot, wrong))[0] if x.severity != "note"]
+    assert [(x.code, x.joint) for x in findings] == [("unit", "")] * (factor != 1)
+    for finding in findings:
+        scale = lines_of(finding, "b")["motor_position"]["scale"]
+        assert scale == pytest.approx(1 / factor, rel=0.03)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0])
+def test_counts_are_a_rival_of_bodies_where_nothing_but_inertia_acts(
+    factor: float, tmp_path: Path
+) -> None:
+    """It was "good", next to bodies of twice their mass."""
+    robot, log = two_links("0 0 1", 0, tmp_path)
+    noise = 0.3 * np.std(log.motor_torque, axis=0) * np.random.default_rng(1).normal(size=(8000, 2))
+    wrong = replace(
+        log, motor_position=factor * log.motor_position, motor_torque=log.motor_torque + noise
+    )
+    findings, without = mistakes(experiment(robot, wrong))
+    assert [x for x in findings if x.severity != "note"] == []
+    named = [*file_findings(without)]
+    assert len(named) == (factor != 1)
+    for finding in named:
+        assert {finding.code, *finding.evidence} >= {"or unit", "or torque-scale"}
+        assert "turn a joint by a known angle" in finding.remedy
+
+
 def resting_arm_log(seed: int) -> Log:
     """Return the log of a stiff arm that goes from pose to pose and rests in each.
 
