@@ -305,7 +305,7 @@ def _late_clock(
     name: str, late: Sequence[codes.Channel], delay_s: float, least: float, given: float
 ) -> Finding | None:
     """Return the finding of channels of one quantity, of which a delay explains what is `given`."""
-    if abs(delay_s) <= tol.LATE_S or not tol.FEW < given > least / tol.MOST < 1:
+    if abs(delay_s) <= tol.LATE_S or not tol.FEW < given > least / tol.MOST < 2 * tol.SLIGHT:
         return None
     quantity = late[0].quantity
     entries = {x.joint: {quantity: x.changed(delay_s=round(delay_s, 3))} for x in late}
