@@ -42,7 +42,6 @@ from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
 
 if TYPE_CHECKING:
-    from seaid.checks.channels import Logged
     from seaid.checks.columns import Side
 
 
@@ -274,78 +273,6 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
             counted[i - 1 : i + 1, j] = False  # the low pass spreads the step over its neighbours
     changed = experiment.with_changes(motor=motor, counted=counted)
     return findings, changed if findings else experiment
-
-
-def late_clocks(logged: Logged) -> Iterator[Finding]:
-    """Yield positions of joints, or torques, of a file with another clock than that of the motion.
-
-    That is the delay, of up to a second, at which the motion explains most of them: positions by
-    those of the motors, torques by positions, speeds and accelerations of all joints.
-    """
-    for name, log in logged.named:
-        time = np.linspace(log.time[0], log.time[-1], min(len(log.time), 4000))
-        smooth = partial(_resampled, log.time, time)
-        channels = partial(codes.channels_of, log, logged.used)
-        motors = {x.joint: smooth(x.values) for x in channels("motor_position")}
-        angles = {x.joint: smooth(x.values) for x in channels("joint_position")} | motors
-        motion = np.hstack([np.ones((len(time), 1)), *angles.values()])
-        speed = np.gradient(motion, time, axis=0)
-        motion = np.hstack([motion, speed, np.sign(speed), np.gradient(speed, time, axis=0)])
-        torques = ("motor_torque", "joint_torque", "motor_current")
-        explain = dict.fromkeys(torques, dict.fromkeys(angles, motion))
-        for quantity, columns in ({"joint_position": motors} | explain).items():
-            late = [x for x in channels(quantity) if x.joint in columns]
-            pairs = [(columns[x.joint], smooth(x.values)[:, 0]) for x in late]
-            if pairs and (finding := _late_clock(name, late, *_clock(time, pairs))):
-                yield finding
-                break  # a clock of the motors alone shifts all others
-
-
-def _late_clock(
-    name: str, late: Sequence[codes.Channel], delay_s: float, least: float, given: float
-) -> Finding | None:
-    """Return the finding of channels of one quantity, of which a delay explains what is `given`."""
-    if abs(delay_s) <= tol.LATE_S or not tol.FEW < given > least / tol.MOST < 2 * tol.SLIGHT:
-        return None
-    quantity = late[0].quantity
-    entries = {x.joint: {quantity: x.changed(delay_s=round(delay_s, 3))} for x in late}
-    return codes.CODES["delay"].wrong(
-        f"the {quantity.replace('_', ' ')}s of {name} are {abs(delay_s):.3g} s "
-        f"{'late' if delay_s > 0 else 'early'} against the motion, as of a file with another "
-        f"clock: without that {least:.1%} of their squares are unexplained, not {given:.1%}",
-        evidence={"delay [s]": delay_s, codes.AS_GIVEN: given},
-        remedy=codes.in_description(entries, name),
-        certainty="certain",
-        joints=tuple(entries),
-    )
-
-
-def _resampled(time: Array, instants: Array, values: Array) -> Array:
-    """Return a channel (T, 1) at instants, without what is faster than a motion."""
-    column = np.interp(instants, time, values)[:, None]
-    return low_pass(column, 1 / float(instants[1] - instants[0]), 2 / tol.WINDOW_S)
-
-
-def _clock(time: Array, pairs: Sequence[tuple[Array, Array]]) -> tuple[float, float, float]:
-    """Return the delay at which columns explain most of channels, and what they leave with it.
-
-    It is zero unless it is that of most channels. What is left are parts of the squares, on average
-    over the pairs of columns (T, k) and a channel (T,); the last one is that without a delay.
-    """
-    step, parts = float(time[1] - time[0]), list[Array]()
-    most = min(round(1 / step), len(time) // 4)
-    for columns, channel in pairs:
-        X = with_constant(columns)[most : len(time) - most]
-        # Row k has the channel k - most samples later.
-        late = np.lib.stride_tricks.sliding_window_view(channel - np.mean(channel), len(X))
-        explained = np.sum((late @ scaled_svd(X).spans) ** 2, axis=1)
-        left = np.sum(late**2, axis=1) - explained
-        parts.append(left / np.maximum(len(X) * np.var(late, axis=1), np.finfo(float).tiny))
-    misfit = np.mean(parts, axis=0)
-    best = int(np.argmin(misfit))
-    agree = np.abs(np.argmin(parts, axis=1) - best) * step < tol.LATE_S
-    is_common = bool(np.mean(agree) > tol.MOST)
-    return is_common * step * (best - most), float(misfit[best]), float(misfit[most])
 
 
 def unlike_motions(experiment: Experiment) -> Iterator[Finding]:

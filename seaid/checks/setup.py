@@ -854,8 +854,7 @@ def log_findings(
     used = robot.joint_names if torque_joints is None else torque_joints
     unmeasured = Observation(CODES["no-measurement"], _unmeasured)
     sizes = Observation(CODES["geometry"], _sizes)
-    clocks = Observation(CODES["delay"], gears.late_clocks)
-    checks = (*channels.OF_LOGS, unmeasured, clocks, sizes)
+    checks = (*channels.OF_LOGS, unmeasured, sizes)
     return observed(checks, channels.Logged(robot, logs, used))
 
 

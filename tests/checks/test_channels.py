@@ -108,25 +108,6 @@ def test_encoders_that_drift_against_each_other_do_not_step(case: str) -> None:
         assert "loose-encoder" not in codes
 
 
-@pytest.mark.parametrize(("case", "late"), [("leg", "joint"), ("arm", "torque"), ("arm", "")])
-def test_a_file_with_another_clock_is_named_and_repaired(case: str, late: str) -> None:
-    """Joint positions that are 0.35 s late were answered by a weak spring."""
-    robot, log, delay_s = CASES[case][0](), CASES[case][1](), 0.35
-    name = {"joint": "joint_position", "torque": "motor_torque", "": "motor_torque"}[late]
-    channel = getattr(log, name) if late else np.array(log.motor_torque)
-    earlier = np.column_stack([np.interp(log.time - delay_s, log.time, x) for x in channel.T])
-    columns: dict[str, Any] = {name: earlier if late else channel}
-    found = log_findings(robot, [replace(log, **columns)])
-    clocks = [x for x in found if x.code == "delay"]
-    assert [(x.severity, x.joints) for x in clocks] == [("wrong", robot.joint_names)] * bool(late)
-    for finding in clocks:
-        assert finding.evidence["delay [s]"] == pytest.approx(delay_s, abs=0.01)
-        lines = tomllib.loads(finding.remedy.split("\n", 1)[1])["joints"]
-        assert {x[name]["delay_s"] for x in lines.values()} == {
-            round(finding.evidence["delay [s]"], 3)
-        }
-
-
 @pytest.mark.slow  # several checks of the arm
 @pytest.mark.parametrize("has_drives", [True, False])
 def test_an_unknown_rotor_inertia_is_no_delay(has_drives: bool) -> None:
