@@ -578,8 +578,8 @@ def late_channels(
     is_angle = "joint_position" in channels.values()
     late, others = ("joint positions", "motor positions") if is_angle else ("torques", "positions")
     return codes.CODES["delay"].finding(
-        f"the {late} of {', '.join(channels)} are {1e3 * abs(delay):.2f} +- "
-        f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the {others}",
+        f"the {late} of {', '.join(channels)} are {1e3 * abs(delay):.3g} +- "
+        f"{1e3 * error:.2g} ms {'late' if delay > 0 else 'early'} against the {others}",
         codes.only_joint([*channels]),
         "doubtful" if surely > tol.LEAST_DELAY_S else "note",
         {"delay [s]": delay, "standard error [s]": error, "explained": share},

@@ -149,17 +149,16 @@ def write_first_project(
     texts, of_columns, guessed = _descriptions(read)
     logs_read = [entry.log for entry in read]
     without, untrue = _joints_without_torque(robot, logs_read)
-    doubts = [*of_neighbour, *unnamed, *of_files, *of_columns, *untrue]
-    doubts += _lock_hints(robot, logs_read)
-    tables: dict[str, _Table] = {}
+    tables, of_drives = dict[str, _Table](), list[str]()
     if known is None:
         gains, of_gains = _logged_gains(read, controllers or {})
         tables, unsure = _drives_of_logs(robot, logs_read, without, gains, guessed)
-        doubts += [*of_gains, *unsure]
+        of_drives = [*of_gains, *unsure]
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
             texts[known] = _drives_text(tables, unsure, known)
-    doubts += _without_flags(robot, logs_read)
+    doubts = [*of_neighbour, *unnamed, *of_files, *_but_ratios(of_columns, tables), *untrue]
+    doubts += [*_lock_hints(robot, logs_read), *of_drives, *_without_flags(robot, logs_read)]
     text = from_template(
         "seaid.project",
         "first_project.toml.j2",
@@ -362,7 +361,7 @@ _FEWEST = 2
 """Columns that each joint needs: a position, and a torque or what stands for it."""
 
 
-def _descriptions(read: Sequence[_ReadLog]) -> tuple[dict[Path, str], list[str], set[str]]:
+def _descriptions(read: Sequence[_ReadLog]) -> tuple[dict[Path, str], list[Doubt], set[str]]:
     """Return the new descriptions of logs {file: text}, and what is doubtful about them.
 
     Last come the joints with an encoder whose counts are a guess.
@@ -372,7 +371,12 @@ def _descriptions(read: Sequence[_ReadLog]) -> tuple[dict[Path, str], list[str],
     texts = {x.file: x.guess.to_toml() for x in new}
     joints = chain(*(x.guess.description.joints.items() for x in new))
     guessed = {name for name, sources in joints for x in sources.values() if x.unit == "counts"}
-    return texts, [f"{x.name}: {doubt}" for x in new for doubt in x.guess.unsure], guessed
+    return texts, [y.about([x.name]) for x in new for y in x.guess.unsure], guessed
+
+
+def _but_ratios(doubts: Sequence[Doubt], tables: Mapping[str, _Table]) -> list[Doubt]:
+    """Return doubts about columns. Drives that are inferred have theirs about the ratios."""
+    return [x for x in doubts if not (tables and x.code == "gear_ratio")]
 
 
 def _with_springs(robot: Robot, joints: Iterable[str]) -> Robot:
