@@ -21,7 +21,7 @@ from seaid.checks.codes import CODES, EXPLAINED, guarded, joints_of, notes_besid
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
-from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG
+from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG, SURE
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
 from seaid.drives import PARAMETERS_OF, ParameterName, readable
 from seaid.drives.drives import term_fields
@@ -65,17 +65,19 @@ def _is_another_set_up(
     Friction and zeros may differ first: another set-up is what explains the rest.
     """
     numbers, is_fixed = [x.trial.candidate.term for x in accepted], _is_of_set_up(side)
-    columns = [_of_log(side, x)[:, ~is_fixed] for x in dict.fromkeys(side.logs)]
-    own, of_each = _own_columns(accepted, is_fixed), engine.Alternative(np.hstack(columns[1:]), 0)
-    with_friction = side.equation.with_alternatives([of_each])
-    explained, scores = _explained_by(with_friction, own, is_fixed)
+    own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])
+    of_each = np.hstack([_of_log(side, x)[:, ~is_fixed] for x in [*dict.fromkeys(side.logs)][1:]])
+    with_friction = side.equation.with_alternatives([engine.Alternative(of_each, 0)])
+    explained, scores, _ = _explained_by(with_friction, own, is_fixed)
     if explained >= MATTERS and scores:
         cause = f"log {' and log '.join(numbers)} and the others are not of one set-up: next to "
         cause += "friction and zeros that each log may have, values of its own"
         return _of_logs(side, joint, cause, explained, scores)
-    explained, scores = _explained_by(side.equation, of_each, ~is_fixed)
+    explained, scores, lowest = _explained_by(side.equation, of_each, ~is_fixed)
     scores = {x: y for x, y in scores.items() if x.quantity in _FRICTION}
-    if explained < MATTERS or not scores:
+    # Friction that takes up errors of the model is negative in some logs: that is no temperature.
+    is_possible = all(y > -SURE for x, y in lowest.items() if x.quantity in _FRICTION)
+    if explained < MATTERS or not (scores and is_possible):
         return None
     specific = ",".join(sorted({"spring_offset", *(x.quantity for x in scores)}))
     remedy = f"give each log a condition of its own, with --specific {specific}"
@@ -83,27 +85,25 @@ def _is_another_set_up(
     return _of_logs(side, joint, cause, explained, scores, remedy)
 
 
-def _own_columns(accepted: engine.Acceptance, kept: BoolArray) -> engine.Alternative:
-    """Return some of the columns of logs that were accepted alone."""
-    columns = [x.trial.alternative.columns[:, kept] for x in accepted]
-    return engine.Alternative(np.hstack(columns), 0)
-
-
 def _explained_by(
-    equation: engine.Equation, alternative: engine.Alternative, kept: BoolArray
-) -> tuple[float, dict[ParameterName, float]]:
+    equation: engine.Equation, columns: Array, kept: BoolArray
+) -> tuple[float, dict[ParameterName, float], dict[ParameterName, float]]:
     """Return the part of the squared residual that columns explain, and {name: largest score}.
 
-    The columns are those of the `kept` parameters, of one log after the other. A score is a value
-    over its standard error, of which the significant ones count.
+    The columns (R, k p) are those of the p `kept` parameters, of one log after the other. A score
+    is a value over its standard error, of which the significant ones count. Last comes the lowest
+    value that a log has of each parameter, over the same error.
     """
-    larger = equation.with_alternatives([alternative])
-    values, errors = larger.last(alternative.columns.shape[1])
-    scores = np.abs(values) / np.maximum(errors, np.finfo(float).tiny)
-    largest = np.max(scores.reshape(-1, np.count_nonzero(kept)), axis=0).tolist()
-    names = compress(equation.rows.names, kept)
+    larger = equation.with_alternatives([engine.Alternative(columns, 0)])
+    values, errors = larger.last(columns.shape[1])
+    shape, errors = (-1, np.count_nonzero(kept)), np.maximum(errors, np.finfo(float).tiny)
+    scores, first = (values / errors).reshape(shape), larger.values[: len(kept)][kept]
+    largest = np.max(np.abs(scores), axis=0).tolist()
+    lowest = np.min(scores + first / errors.reshape(shape), axis=0).tolist()
+    names = list(compress(equation.rows.names, kept))
     explained = 1 - larger.squares() / max(equation.squares(), 1e-300)
-    return explained, {x: y for x, y in zip(names, largest, strict=True) if y > SIGNIFICANT}
+    significant = {x: y for x, y in zip(names, largest, strict=True) if y > SIGNIFICANT}
+    return explained, significant, dict(zip(names, lowest, strict=True))
 
 
 def _of_logs(
@@ -129,8 +129,7 @@ def _of_logs(
     )
 
 
-_FRICTION = {*chain.from_iterable(PARAMETERS_OF["friction"].values())}
-_FRICTION |= {*chain.from_iterable(PARAMETERS_OF["joint_friction"].values())}
+_FRICTION = {*chain(*PARAMETERS_OF["friction"].values(), *PARAMETERS_OF["joint_friction"].values())}
 """Parameters that change with the temperature."""
 
 
