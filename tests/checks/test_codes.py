@@ -21,7 +21,7 @@ from seaid.checks.experiment import Experiment
 from seaid.checks.tolerances import MOST_ALIKE
 from seaid.checks.verdict import RobotFit
 from seaid.errors import SEVERITIES, Finding, LogError, by_severity
-from seaid.identification import checking, conclusion, result
+from seaid.identification import checking, conclusion
 from tests.experiments import arm, arm_log
 from tests.representatives import quick_only
 
@@ -194,8 +194,8 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "blocks": (verdict, "_blocks", fail),
     "predictions": (verdict, "_prediction_errors", fail),
     "joints": (Experiment, "in_motion", property(fail)),
-    "values": (result, "drive_findings", fail),
-    "channels": (result, "unused_findings", fail),
+    "values": (conclusion, "drive_findings", fail),
+    "channels": (conclusion, "unused_findings", fail),
     "sensitivity": (conclusion, "sensitivity_findings", fail),
     "echoes": (conclusion, "without_echoes", fail),
     "scales": (conclusion, "unknown_scales", fail),

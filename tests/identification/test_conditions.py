@@ -157,7 +157,7 @@ def test_a_wrong_set_up_is_named_in_its_condition() -> None:
     assert named == {name: [("sign", "knee_pitch")] for name in ("bare", "loaded")}
     messages = {name: one.findings[0].message for name, one in both.identifications.items()}
     assert messages["bare"].startswith("in condition 'loaded', which shares parameters: ")
-    assert messages["loaded"].startswith("the torque")
+    assert messages["loaded"].startswith("the motor torque")
     assert not any("good" in one.verdict.sentence for one in both.identifications.values())
 
 
