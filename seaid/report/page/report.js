@@ -21,9 +21,11 @@
   let zoom = null;
   let zooming = false;
 
+  // uPlot's own ticks have three decimals: torques of small motors were all 0.003 N m.
+  const ticks = (_, splits) => splits.map((tick) => String(+tick.toPrecision(6)).replaceAll("-", "−"));
   const axis = (label, more) => ({
     stroke: colour("soft"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1 },
-    label, labelSize: 22, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", ...more,
+    label, labelSize: 22, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", values: ticks, ...more,
   });
   const powers = (_, splits) => splits.map((one) => {
     if (one == null || Math.abs(Math.log10(one) - Math.round(Math.log10(one))) > 1e-6) return "";
