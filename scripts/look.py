@@ -34,7 +34,7 @@ MODELS, LOGS = ROOT / "models", ROOT / "models" / "logs"
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 DOCUMENTS = (
-    *("index", "install", "first_result", "paper", "warnings", "comparison", "drives"),
+    *("index", "first_result", "paper", "warnings", "comparison", "drives"),
     *("experiment_design", "results", "how_to/ros2", "how_to/control"),
 )
 PLANS = ("plan", "validation_plan")
