@@ -48,15 +48,6 @@ def _of_log(side: Side, number: int) -> Array:
     return np.asarray(rows.H * is_own[:, None])
 
 
-def _is_of_set_up(side: Side) -> BoolArray:
-    """Return the mask (p,) of the parameters of bodies and springs, which make a set-up.
-
-    Others are of friction, which changes with the temperature, and zeros, which do with a start.
-    """
-    names = side.equation.rows.names
-    return np.array([x == "stiffness" or not (side.is_motor or x.owner) for x in names])
-
-
 def _is_another_set_up(
     side: Side, joint: str, accepted: engine.Acceptance, share: float
 ) -> Finding | None:
@@ -64,7 +55,10 @@ def _is_another_set_up(
 
     Friction and zeros may differ first: another set-up is what explains the rest.
     """
-    numbers, is_fixed = [x.trial.candidate.term for x in accepted], _is_of_set_up(side)
+    numbers, names = [x.trial.candidate.term for x in accepted], side.equation.rows.names
+    # Bodies and springs make a set-up; friction changes with the temperature, and zeros do so with
+    # a start.
+    is_fixed = np.array([x == "stiffness" or not (side.is_motor or x.owner) for x in names])
     own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])
     of_each = np.hstack([_of_log(side, x)[:, ~is_fixed] for x in [*dict.fromkeys(side.logs)][1:]])
     with_friction = side.equation.with_alternatives([engine.Alternative(of_each, 0)])
@@ -73,11 +67,15 @@ def _is_another_set_up(
         cause = f"log {' and log '.join(numbers)} and the others are not of one set-up: next to "
         cause += "friction and zeros that each log may have, values of its own"
         return _of_logs(side, joint, cause, explained, scores)
-    explained, scores, lowest = _explained_by(side.equation, of_each, ~is_fixed)
-    scores = {x: y for x, y in scores.items() if x.quantity in _FRICTION}
+    return _in_friction(side, joint, of_each, ~is_fixed)
+
+
+def _in_friction(side: Side, joint: str, of_each: Array, is_free: BoolArray) -> Finding | None:
+    """Return the finding of logs of another temperature, by own columns of each of them."""
+    explained, *values = _explained_by(side.equation, of_each, is_free)
+    scores, lowest = ({x: y for x, y in z.items() if x.quantity in _FRICTION} for z in values)
     # Friction that takes up errors of the model is negative in some logs: that is no temperature.
-    is_possible = all(y > -SURE for x, y in lowest.items() if x.quantity in _FRICTION)
-    if explained < MATTERS or not (scores and is_possible):
+    if explained < MATTERS or not scores or min(lowest.values()) < -SURE:
         return None
     specific = ",".join(sorted({"spring_offset", *(x.quantity for x in scores)}))
     remedy = f"give each log a condition of its own, with --specific {specific}"
