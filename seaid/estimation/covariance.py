@@ -85,18 +85,6 @@ def automatic_lags(instants: int) -> int:
     return max(0, min(round(1.3 * math.sqrt(instants)), instants - 1))
 
 
-def newey_west(scores: Array, time: Array, run: Array) -> Array:
-    """Return the long-run covariance (p, p) of the sum of `scores` (R, p) of mean zero.
-
-    A score is a row of the regressor times its residual. `time` (R,) [s] and `run` (R,) give the
-    instant and the log of each row. Rows of one instant (several joints) are summed first; excluded
-    instants count as zero.
-    """
-    long_run = long_run_of(scores, np.ones(len(scores)), time, run)
-    # Scores of mean zero have lost the variance of their mean; for white noise this restores it.
-    return np.asarray(long_run.covariance / left_of_mean(long_run.bandwidth))
-
-
 def long_run_of(H: Array, factor: Array, time: Array, run: Array) -> LongRun:
     """Return the long-run covariance of the scores `factor` (R,) times `H` (R, p)."""
     summed = by_instant(H, factor, time, run)

@@ -19,7 +19,6 @@ from seaid.estimation.covariance import (
     left_by_fit,
     left_of_mean,
     long_run_of,
-    newey_west,
 )
 from tests.representatives import quick_first
 
@@ -118,7 +117,8 @@ def test_rows_in_any_order_are_paired_by_their_instants_within_a_run() -> None:
     rows = np.random.default_rng(5).permutation(np.flatnonzero((time < 2.0) | (time > 2.9)))
     scores, time, run = autoregressive(0.5, 400, seed=6)[rows], time[rows], run[rows]
     expected = pairwise_sum(scores, time, run, 18) / left_of_mean(19 / 200)
-    assert np.allclose(newey_west(scores, time, run), expected, rtol=1e-12)
+    found = long_run_of(scores, np.ones(len(scores)), time, run)
+    assert np.allclose(found.covariance / left_of_mean(found.bandwidth), expected, rtol=1e-12)
     weights = toeplitz(np.maximum(1 - np.arange(2000) / (0.3 * 2000), 0))
     assert left_of_mean(0.3) == pytest.approx(1 - np.mean(weights), rel=1e-4)
 
