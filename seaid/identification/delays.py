@@ -11,7 +11,6 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid._progress import Display
-from seaid.drives import ParameterName
 from seaid.drives.drives import deflection
 from seaid.errors import ExcitationError, IdentificationError, LogError, checked, unknown_name
 from seaid.estimation.least_squares import ordinary
@@ -319,17 +318,8 @@ def _standard_error(y: Array, columns: Array, slope: Array, time: Array) -> floa
     """
     # The columns may depend on each other, those of all bodies do: only their span counts.
     H = np.column_stack([scaled_svd(columns, "the delay of a channel", LogError).span(), slope])
-    rows = Regression(
-        names=ParameterName.all_of(map(str, range(H.shape[1]))),
-        units=H.shape[1] * ("",),
-        H=H,
-        y=y,
-        joint=np.zeros(len(y)),
-        time=time,
-        run=np.zeros(len(y)),
-        excluded=0,
-        propagated=np.empty((len(y), 0)),
-    )
+    names = map(str, range(H.shape[1]))
+    rows = Regression.of_equation(names, H.shape[1] * ("",), H, y, time)
     try:
         return float(ordinary(rows).standard_errors[-1])
     except (ExcitationError, IdentificationError):

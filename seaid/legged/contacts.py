@@ -36,7 +36,6 @@ from seaid.checks import CODES
 from seaid.checks.codes import Observation
 from seaid.checks.engine import Alternative, equation_of
 from seaid.checks.tolerances import FEW, MATTERS, SURE
-from seaid.drives import ParameterName
 from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import Estimate, FittedRows
 from seaid.estimation.fitting import with_further_columns
@@ -712,17 +711,7 @@ def _compliance_rows(about_mean: Array, time: Array) -> Regression:
     pairs, columns = np.split(about_mean, [2], axis=1)
     span = scaled_svd(columns).span()
     y, H = (pairs - span @ (span.T @ pairs)).T
-    return Regression(
-        names=(ParameterName("compliance"),),
-        units=("m/N",),
-        H=H[:, None],
-        y=y,
-        joint=np.zeros(len(y)),
-        time=time,
-        run=np.zeros(len(y)),
-        excluded=0,
-        propagated=np.empty((len(y), 0)),
-    )
+    return Regression.of_equation(["compliance"], ["m/N"], H[:, None], y, time)
 
 
 def _upwards(motion: Motion, base: BaseMotion) -> Array:

@@ -207,6 +207,14 @@ class Regression:
         shapes = {"H": (*rows, len(self.names)), "propagated": (*rows, None)}
         freeze(self, shapes | dict.fromkeys(("y", "joint", "time", "run"), rows))
 
+    @classmethod
+    def of_equation(
+        cls, names: Iterable[str], units: Sequence[str], H: Array, y: Array, time: Array
+    ) -> Regression:
+        """Return the rows of one equation in one log, with no errors of other estimates."""
+        zero, nothing = np.zeros(len(y)), np.empty((len(y), 0))
+        return cls(ParameterName.all_of(names), tuple(units), H, y, zero, time, zero, 0, nothing)
+
     def at(self, rows: BoolArray | slice) -> Regression:
         """Return the regression with some of its rows."""
         return replace(self, **{name: getattr(self, name)[rows] for name in self.arrays})
@@ -293,19 +301,11 @@ def _rows_at(
     robot: Robot, motion: Motion, joint: str, columns: _Columns, rows: IndexArray
 ) -> Regression:
     """Return the rows of a joint at some samples of a motion."""
-    names, units, H, y = columns
-    return Regression(
-        names=names,
-        units=units,
-        H=in_band_at(motion, H, rows),
-        y=in_band_at(motion, y, rows),
-        joint=np.full(len(rows), robot.index(joint)),
-        time=motion.time[rows],
-        run=np.zeros(len(rows)),
-        excluded=0,
-        propagated=np.empty((len(rows), 0)),
-        joint_names=robot.joint_names,
-    )
+    names, units, *sides = columns
+    H, y = (in_band_at(motion, side, rows) for side in sides)
+    equation = Regression.of_equation(names, units, H, y, motion.time[rows])
+    place = np.full(len(rows), robot.index(joint))
+    return replace(equation, joint=place, joint_names=robot.joint_names)
 
 
 GEAR = ParameterName.all_of(("gear_compliance", "gear_hysteresis", "gear_offset"))
