@@ -157,7 +157,7 @@ def write_first_project(
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
             texts[known] = _drives_text(tables, unsure, known)
-    doubts = [*of_neighbour, *unnamed, *of_files, *_but_ratios(of_columns, tables), *untrue]
+    doubts = [*of_neighbour, *unnamed, *of_files, *_doubts_of_columns(of_columns, tables), *untrue]
     doubts += [*_lock_hints(robot, logs_read), *of_drives, *_without_flags(robot, logs_read)]
     text = from_template(
         "seaid.project",
@@ -374,7 +374,7 @@ def _descriptions(read: Sequence[_ReadLog]) -> tuple[dict[Path, str], list[Doubt
     return texts, [y.about([x.name]) for x in new for y in x.guess.unsure], guessed
 
 
-def _but_ratios(doubts: Sequence[Doubt], tables: Mapping[str, _Table]) -> list[Doubt]:
+def _doubts_of_columns(doubts: Sequence[Doubt], tables: Mapping[str, _Table]) -> list[Doubt]:
     """Return doubts about columns. Drives that are inferred have theirs about the ratios."""
     return [x for x in doubts if not (tables and x.code == "gear_ratio")]
 
