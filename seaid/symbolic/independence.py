@@ -2,9 +2,9 @@
 
 Monomials in signals and in sine, cosine and exponential of different signals are independent once
 sin^2 is reduced. All other functions are tested numerically: they are evaluated at random points,
-among them points at which each function is alive (tanh(1000 w) near w = 0.001). Independence is
-proven in intervals of at least 200 digits; a dependence is accepted if it holds in these intervals,
-also at fresh points.
+with signals of all sizes, since tanh(1000 w) is a sign but near w = 0.001. Independence is proven
+in intervals of at least 200 digits; a dependence is accepted if it holds in these intervals, also
+at fresh points.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cached_property, partial
-from itertools import chain, combinations, islice
+from functools import cached_property
+from itertools import chain, cycle, islice
 from math import inf
 from typing import Any
 
@@ -25,7 +25,6 @@ from mpmath import mp, mpf
 from sympy.core.function import AppliedUndef
 
 from seaid.errors import SeaidWarning, SymbolicError
-from seaid.symbolic.generators import subexpressions
 from seaid.symbolic.polynomial import Exponents, Ring, connected, term_to_sympy
 
 Combination = dict[Exponents, fmpq]
@@ -37,6 +36,9 @@ _DIGITS, _FEW_DIGITS, _MOST_DIGITS = 200, 25, 6000
 _ROUNDS = 4
 _LONGEST = 10**12
 _MOST_FUNCTIONS = 300
+_DECADES = range(-9, 5)
+"""Powers of ten of the signals: friction and stops of real machines are alive in one of them."""
+
 _CERTAIN = (sp.Symbol, AppliedUndef, sp.Derivative, sp.sin, sp.cos, sp.exp)
 
 
@@ -131,7 +133,9 @@ def _dependences(
     with ctx.workdps(2 * _FEW_DIGITS):  # shows independence already in the usual case
         if not _eliminated(_balls(rows, _FEW_DIGITS)):
             return {}
-    return _proven_dependences(points, min(_DIGITS + 2 * _decades(rows), _MOST_DIGITS), names)
+    # Values of ordinary size decide: at large ones exp(1000 x) has more digits than are of use.
+    digits = _DIGITS + 2 * _decades(rows[: len(parts)])
+    return _proven_dependences(points, min(digits, _MOST_DIGITS), names)
 
 
 def _proven_dependences(points: _Points, digits: int, names: str) -> dict[Exponents, Combination]:
@@ -237,13 +241,14 @@ class _Points:
     def evaluated(self, count: int, digits: int) -> list[_Row] | None:
         """Return the values of the parts, a row per point; None if too few of them are real.
 
-        There are `count` points of ordinary size, and as many at which arguments of functions are.
+        There are `count` points of ordinary size, and one of each decade.
         """
         rows: list[_Row] = []
+        wanted = count + len(_DECADES)
         with mp.workdps(digits):
-            for drawn, wanted in ((self.ordinary(count), count), (self.alive(count), 2 * count)):
+            for drawn, most in ((self.ordinary(count), count), (self.scaled(), wanted)):
                 real = (x for point in drawn if (x := self.values(point, digits)) is not None)
-                for values in islice(real, wanted - len(rows)):
+                for values in islice(real, most - len(rows)):
                     powers = list(zip(self.group, values, strict=True))
                     rows.append(
                         [mp.fprod(x ** int(m[i]) for i, x in powers if m[i]) for m in self.parts]
@@ -284,22 +289,13 @@ class _Points:
             positive = attempt >= 10 * count
             yield self.constants | {s: self._random(positive) for s in self.signals}
 
-    def alive(self, count: int) -> Iterator[_Point]:
-        """Yield points at which the argument of some function is between -3 and 3.
+    def scaled(self) -> Iterator[_Point]:
+        """Yield 10 points of each decade, in which all signals have the size of a power of ten.
 
-        There tanh(1000 w) is no sign, exp(-(w/0.02)^2) not zero, and Max(q - 30, 0) not constant.
+        At small ones tanh(1000 w) is no sign, and at large ones Max(q - 30, 0) is not zero.
         """
-        pairs = [(x, s) for x in _arguments(self.expressions) for s in _signals(self.ring, x)]
-        pairs.sort(key=str)
-        for _ in range(-(-2 * count // len(pairs)) if pairs else 0):
-            for argument, signal in pairs:
-                point = next(self.ordinary(1))
-                target = self._random(positive=False)
-                numbers = {s: sp.Float(x, 30) for s, x in point.items() if s != signal}
-                within = argument.xreplace(numbers)
-                roots = _real_roots(within - target, signal)
-                if roots:
-                    yield point | {signal: self.draw.choice(roots)}
+        for point, power in zip(self.ordinary(len(_DECADES)), cycle(_DECADES), strict=False):
+            yield point | {s: sp.Integer(10) ** power * point[s] for s in self.signals}
 
     def _random(self, positive: bool) -> sp.Rational:
         sign = 1 if positive else self.draw.choice((-1, 1))
@@ -315,57 +311,6 @@ def _number(value: Any) -> Any:
     if isinstance(value, sp.Rational):
         return mpf(int(value.p)) / int(value.q)
     return mp.mpmathify(value.evalf(mp.dps) if isinstance(value, sp.Expr) else value)
-
-
-def _arguments(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
-    """Return what functions of symbols are taken of."""
-    arguments = chain(*map(_arguments_of, subexpressions(*expressions)))
-    return {x for x in arguments if isinstance(x, sp.Expr) and x.free_symbols}
-
-
-def _arguments_of(part: sp.Basic) -> Iterable[sp.Basic]:
-    """Return what a function is taken of: of Max the differences, of conditions both sides'."""
-    if isinstance(part, sp.Max | sp.Min):
-        return [a - b for a, b in combinations(part.args, 2)]
-    if isinstance(part, sp.core.relational.Relational):
-        return [part.lhs - part.rhs]
-    if (part.is_Pow and part.exp.is_Integer) or isinstance(part, AppliedUndef | sp.Piecewise):
-        return ()
-    return part.args if part.is_Pow or part.is_Function else ()
-
-
-_GRID = [sign * 10.0 ** (k / 4) for sign in (-1, 1) for k in range(-48, 49)]
-"""Where roots are searched for: from 1e-12 to 1e12, four places in each decade."""
-
-
-def _real_roots(expression: sp.Expr, signal: sp.Expr) -> list[sp.Rational]:
-    """Return places where an expression of one signal is zero, exact to 25 digits."""
-    x = sp.Dummy("x", real=True)
-    expression = expression.xreplace({signal: x})
-    if expression.is_polynomial(x):
-        roots = sp.Poly(expression, x).nroots(n=25, maxsteps=200)
-        return [sp.Rational(str(root)) for root in roots if root.is_real]
-    sign = partial(_sign, sp.lambdify(x, expression, modules="mpmath"))
-    zeros = []
-    grid = sorted(_GRID)
-    signs = [sign(at) for at in grid]
-    for low, high, first, last in zip(grid, grid[1:], signs, signs[1:], strict=False):
-        if first and last and first != last:
-            ends = [mpf(low), mpf(high)]
-            for _ in range(100):
-                middle = (ends[0] + ends[1]) / 2
-                ends[int(sign(middle) != first)] = middle
-            zeros.append(sp.Rational(str(mp.nstr(ends[0], 25))))
-    return zeros
-
-
-def _sign(function: Callable[[mpf], Any], at: float | mpf) -> int | None:
-    """Return the sign of a function at a place, or None where it has no real value."""
-    try:
-        value = function(mpf(at))
-        return int(mp.sign(value)) if mp.isfinite(value) and not mp.im(value) else None
-    except _NO_VALUE:
-        return None
 
 
 def _eliminated(table: list[_Balls]) -> dict[int, dict[int, arb]]:
