@@ -6,15 +6,13 @@ zeta = R theta holds for any multiple of an equation; `normalised` applies the r
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from functools import cache
-from itertools import chain, compress
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import compress
 from typing import NamedTuple
 
 import sympy as sp
-from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx, fmpq_poly
+from flint import fmpq, fmpq_mpoly
 from sympy.core.function import AppliedUndef
 
 from seaid.symbolic.polynomial import (
@@ -22,14 +20,12 @@ from seaid.symbolic.polynomial import (
     Ratio,
     Ring,
     exponents_at,
-    occurring,
     product,
     quotient,
     ratio,
     ratio_to_sympy,
     term_to_sympy,
     to_sympy,
-    total,
 )
 
 
@@ -84,142 +80,6 @@ def entry_to_sympy(ring: Ring, entry: Entry | None) -> sp.Expr:
         for exponents, value in entry.terms.items()
     )
     return sp.Add(*terms) / to_sympy(ring, entry.denominator)
-
-
-_HIGHEST_POWER = 4
-"""Powers of sine and cosine of an angle up to this stay powers: their coefficients are short, and
-products of joint rotations have no higher ones."""
-
-
-def with_multiples(ring: Ring, rows: Sequence[Row]) -> tuple[Ring, list[Row]]:
-    """Return ring and rows in which high powers of an angle are sines and cosines of its multiples.
-
-    sin(84 q) is a polynomial of degree 84 in sin q and cos q, exact but with 25 digits in its
-    coefficients, which cancel when it is evaluated. The sines and cosines of the multiples of an
-    angle are linearly independent as well, and become generators of their own.
-    """
-    angles = _high_angles(ring, rows)
-    if not angles:
-        return ring, list(rows)
-    entries = (entry for row in rows for entry in row.values())
-    motions = dict.fromkeys(chain(*(entry.terms for entry in entries)))
-    expanded = {motion: _expanded(ring, angles, motion) for motion in motions}
-    functions = dict.fromkeys(chain(*(key[1] for key in chain(*expanded.values()))))
-    wider = _wider(ring, functions)
-    return wider, [
-        {monomial: _entry_in_multiples(wider, entry, expanded) for monomial, entry in row.items()}
-        for row in rows
-    ]
-
-
-def _entry_in_multiples(
-    wider: Ring, entry: Entry, expanded: Mapping[Exponents, _Expansion]
-) -> Entry:
-    """Return an entry in the wider ring, with the expansions of its functions of the motion."""
-    terms: dict[Exponents, list[Ratio]] = defaultdict(list)
-    for motion, value in entry.terms.items():
-        numerator, denominator = (_in_ring(wider, part) for part in value)
-        for (others, functions), factor in expanded[motion].items():
-            exponents = list(others) + [0] * (len(wider.generators) - len(others))
-            for function in functions:
-                exponents[wider.index[function]] += 1
-            terms[tuple(exponents)].append(Ratio(factor * numerator, denominator))
-    totals = {motion: total(wider, values) for motion, values in terms.items()}
-    nonzero = {motion: value for motion, value in totals.items() if not value.numerator.is_zero()}
-    return Entry(nonzero, _in_ring(wider, entry.denominator))
-
-
-def _high_angles(ring: Ring, rows: Sequence[Row]) -> list[tuple[int, int]]:
-    """Return the places (sine, cosine) of the angles with high powers, in no denominator."""
-    entries = [entry for row in rows for entry in row.values()]
-    below = set(chain(*(occurring(entry.denominator) for entry in entries)))
-    angles = []
-    for place in ring.motion:
-        sine = ring.generators[place]
-        if isinstance(sine, sp.sin):
-            pair = place, ring.index[sp.cos(sine.args[0])]
-            powers = (m[pair[0]] + m[pair[1]] for entry in entries for m in entry.terms)
-            if below.isdisjoint(pair) and max(powers, default=0) > _HIGHEST_POWER:
-                angles.append(pair)
-    return angles
-
-
-_Expansion = dict[tuple[Exponents, tuple[sp.Expr, ...]], fmpq]
-"""{(exponents of all but the high angles, sines and cosines of multiples of these): factor}."""
-
-
-def _expanded(ring: Ring, angles: Sequence[tuple[int, int]], motion: Exponents) -> _Expansion:
-    """Return a product of powers, in the sines and cosines of the multiples of the angles."""
-    others = list(motion)
-    factors: dict[tuple[sp.Expr, ...], fmpq] = {(): fmpq(1)}
-    for sine, cosine in angles:
-        angle, powers = ring.generators[sine].args[0], (motion[sine], motion[cosine])
-        others[sine] = others[cosine] = 0
-        factors = {
-            (*functions, *([function] if function != 1 else [])): factor * more
-            for functions, factor in factors.items()
-            for function, more in _multiples(angle, *powers).items()
-        }
-    return {(tuple(others), functions): factor for functions, factor in factors.items()}
-
-
-@cache
-def _multiple(function: type[sp.Function], times: int, angle: sp.Expr) -> sp.Expr:
-    return function(times * angle)
-
-
-@cache
-def _multiples(angle: sp.Expr, of_sine: int, of_cosine: int) -> dict[sp.Expr, fmpq]:
-    """Return sin^a x cos^b x, with a of 0 or 1, as a sum of sin(n x) and cos(n x).
-
-    With z = exp(i x), 2 cos x = z + 1/z and 2 i sin x = z - 1/z: the factors are those of powers of
-    z, of which z^n and z^-n make up a cosine or, with the sine, a sine.
-    """
-    function, degree = sp.sin if of_sine else sp.cos, of_sine + of_cosine
-    powers = fmpq_poly([1, 0, 1]) ** of_cosine * fmpq_poly([-1, 0, 1]) ** of_sine / 2**degree
-    return {
-        _multiple(function, n, angle): powers[degree + n] * (2 if n else 1)
-        for n in range(degree, -1, -1)
-        if powers[degree + n] != 0
-    }
-
-
-def _wider(ring: Ring, functions: Iterable[sp.Expr]) -> Ring:
-    """Return the ring with further functions of the motion, if it does not have them."""
-    generators = (*ring.generators, *(x for x in functions if x not in ring.index))
-    places = tuple(range(len(ring.generators), len(generators)))
-    undeclared = [
-        ring.generators[i].args[0]
-        for i in ring.undeclared
-        if isinstance(ring.generators[i], sp.sin)
-    ]
-    wider = replace(
-        ring,
-        context=fmpq_mpoly_ctx.get([f"x{i}" for i in range(len(generators))], "lex"),
-        generators=generators,
-        motion=(*ring.motion, *places),
-        undeclared=(
-            *ring.undeclared,
-            *(
-                place
-                for place in places
-                if any((generators[place].args[0] / angle).is_Rational for angle in undeclared)
-            ),
-        ),
-        relations=[],
-    )
-    wider.relations.extend(
-        r._replace(polynomial=_in_ring(wider, r.polynomial)) for r in ring.relations
-    )
-    return wider
-
-
-def _in_ring(wider: Ring, polynomial: fmpq_mpoly) -> fmpq_mpoly:
-    """Return a polynomial of a ring in the one with further generators."""
-    more = (0,) * (len(wider.generators) - polynomial.context().nvars())
-    return wider.context.from_dict(
-        {(*map(int, exponents), *more): value for exponents, value in polynomial.terms()}
-    )
 
 
 def column_key(monomial: Exponents) -> tuple[int, bool, Exponents, Exponents]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from math import prod
+from math import inf, prod
 from typing import Any
 
 import sympy as sp
@@ -36,6 +36,7 @@ from seaid.symbolic.generators import (
     shortened,
     signed,
     subexpressions,
+    times_angle,
     turns,
 )
 from seaid.symbolic.polynomial import (
@@ -174,8 +175,9 @@ def _solved(
 _MOST_POWER = 10**9
 """Largest power of an exponential or a root: exponents in flint are machine words."""
 
-_MOST_TURNS = 1000
-"""Largest multiple of an angle: sin(n q) has n terms with n digits in sin q and cos q."""
+_FEW_TURNS = 4
+"""Multiples of an angle up to this are polynomials in its sine and cosine, with short factors;
+products of joint rotations have no higher ones."""
 
 Memory = dict[sp.Expr, Ratio]
 
@@ -198,7 +200,9 @@ def read_equations(
     for number, equation in enumerate(equations, 1):
         with located(f"equation {number}"):
             check_instantaneous(equation)
-    ring = find_functions(equations, motion, unknowns, max_terms)
+    # A closed loop is solved for sines and cosines of the angles themselves, not of multiples.
+    most_turns = inf if closures else _FEW_TURNS
+    ring = find_functions(equations, motion, unknowns, max_terms, most_turns)
     _add_relations(ring)
     memory: Memory = {}
     ratios = []
@@ -344,10 +348,8 @@ def _read_circular(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
         cosine, sine = (_read(ring, f(turn), memory).numerator for f in (sp.cos, sp.sin))
         pair = _turned(ring, pair, (cosine, sine))
     for part, factor in parts(function.args[0]):
-        unit = ring.units["angle"][part]
-        # The generators are those of part / unit, of which the angle is a whole multiple.
-        times = int(factor * unit)
-        cosine, sine = (ring.generator(f(part / unit)) for f in (sp.cos, sp.sin))
+        angle, times = times_angle(part, factor, ring.units["angle"][part], ring.most_turns)
+        cosine, sine = (ring.generator(f(angle)) for f in (sp.cos, sp.sin))
         step = (cosine, sine if times > 0 else -sine)
         pair = _turned(ring, pair, _times(ring, step, abs(times)))
     c, s, unity = (from_polynomial(ring, x) for x in (*pair, ring.constant(1)))
@@ -376,11 +378,6 @@ def _turned(ring: Ring, first: Pair, second: Pair) -> Pair:
 
 def _times(ring: Ring, step: Pair, times: int) -> Pair:
     """Return cosine and sine of a multiple of an angle, by repeated doubling."""
-    if times > _MOST_TURNS:
-        raise SymbolicError(
-            f"found the sine or cosine of {times} times an angle; "
-            f"up to {_MOST_TURNS} times are allowed; give the multiple as a signal of its own"
-        )
     if times == 0:
         return ring.constant(1), ring.constant(0)
     half = _times(ring, step, times // 2)

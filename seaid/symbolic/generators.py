@@ -32,6 +32,8 @@ class _Scan:
     motion: tuple[sp.Expr, ...]
     unknowns: tuple[sp.Symbol, ...]
     time: frozenset[sp.Symbol]
+    most_turns: float
+    angles: set[tuple[sp.Expr, sp.Rational]] = field(default_factory=set)
     plain: dict[sp.Expr, None] = field(default_factory=dict)
     signs: dict[sp.Expr, None] = field(default_factory=dict)
     units: dict[str, dict[sp.Expr, sp.Rational]] = field(
@@ -62,13 +64,15 @@ def find_functions(
     motion: tuple[sp.Expr, ...],
     unknowns: tuple[sp.Symbol, ...],
     max_terms: int,
+    most_turns: float,
 ) -> Ring:
     """Return the ring of the functions and symbols in the equations, without relations yet.
 
     Raises SymbolicError, naming equation, term and unknown, if an unknown is the argument of a
     function.
     """
-    scan = _Scan(motion, unknowns, time_symbols(subexpressions(*equations), motion))
+    time = time_symbols(subexpressions(*equations), motion)
+    scan = _Scan(motion, unknowns, time, most_turns)
     for number, equation in enumerate(equations, 1):
         for term in sp.Add.make_args(equation):
             with located(f"equation {number}, term", term):
@@ -197,6 +201,7 @@ def _visit_function(scan: _Scan, function: sp.Expr) -> None:
             "unknown"
         )
     if isinstance(function, CIRCULAR):
+        scan.angles.update(parts(function.args[0]))
         _note_units(scan.units["angle"], parts(function.args[0]), least=False)
         # Sines and cosines of these are square roots in sympy, whose bases are recorded.
         for turn in turns(function.args[0]):
@@ -248,6 +253,20 @@ def parts(argument: sp.Expr) -> list[tuple[sp.Expr, sp.Rational]]:
     return [(part, factor) for part, factor in parts if not _is_turn(part * factor)]
 
 
+def times_angle(
+    part: sp.Expr, factor: sp.Rational, unit: sp.Rational, most_turns: float
+) -> tuple[sp.Expr, int]:
+    """Return (angle, times) of a term of an argument: its sine and cosine are those of the angle.
+
+    sin(84 q) is a polynomial of degree 84 in sin q and cos q, with 25 digits in its coefficients,
+    which cancel when it is evaluated. So a large multiple of an angle is an angle of its own.
+    """
+    times = factor * unit
+    if abs(times) <= most_turns:
+        return part / unit, int(times)
+    return part * abs(factor), int(sp.sign(factor))
+
+
 def turns(argument: sp.Expr) -> list[sp.Expr]:
     """Return the fractions of pi in a sum whose sine and cosine sympy knows in square roots."""
     parts = sp.expand(argument).as_coefficients_dict().items()
@@ -295,16 +314,17 @@ def _ring(scan: _Scan, max_terms: int) -> Ring:
         moving=scan.time.union(x for x in scan.motion if x.is_Symbol),
         units=scan.units,
         max_terms=max_terms,
+        most_turns=scan.most_turns,
     )
 
 
 def _generators(scan: _Scan) -> tuple[sp.Expr, ...]:
     """Order the generators so that the leading term of every relation is the eliminated one."""
     roots = {root(base, unit): base for base, unit in scan.units["root"].items()}
-    angles, exponents = (
-        sorted((part / unit for part, unit in scan.units[kind].items()), key=sp.default_sort_key)
-        for kind in ("angle", "exponent")
-    )
+    units = scan.units["angle"]
+    turned = {times_angle(x, factor, units[x], scan.most_turns)[0] for x, factor in scan.angles}
+    divided = (part / unit for part, unit in scan.units["exponent"].items())
+    angles, exponents = (sorted(x, key=sp.default_sort_key) for x in (turned, divided))
     order = [
         *sorted(roots, key=lambda x: (-roots[x].count_ops(), sp.default_sort_key(x))),
         *sorted(map(sp.sign, scan.signs), key=sp.default_sort_key),

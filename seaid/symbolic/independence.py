@@ -1,21 +1,21 @@
 """Linear independence of the fundamental functions of (11), which the paper presupposes.
 
 Monomials in signals and in sine, cosine and exponential of different signals are independent once
-sin^2 is reduced. All other functions are tested numerically: they are evaluated at random points,
-with signals of all sizes, since tanh(1000 w) is a sign but near w = 0.001. Independence is proven
-in intervals of at least 200 digits; a dependence is accepted if it holds in these intervals, also
-at fresh points.
+sin^2 is reduced. All other functions, and large multiples of an angle next to it, are tested
+numerically: they are evaluated at random points, with signals of all sizes, since tanh(1000 w) is a
+sign but near w = 0.001. Independence is proven in intervals of at least 200 digits; a dependence is
+accepted if it holds in these intervals, also at fresh points.
 """
 
 from __future__ import annotations
 
 import random
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from itertools import chain, cycle, islice
+from itertools import chain, combinations, cycle, islice
 from math import inf
 from typing import Any
 
@@ -76,11 +76,14 @@ def _groups(ring: Ring) -> list[tuple[int, ...]]:
         tuple(sorted(i for i in ring.motion if signals[i] & group))
         for group in connected(signals.values())
     )
-    return [
-        places
-        for places in groups
-        if any(not isinstance(ring.generators[i], _CERTAIN) for i in places)
-    ]
+    return [x for x in groups if not _are_certain([ring.generators[i] for i in x])]
+
+
+def _are_certain(generators: Sequence[sp.Expr]) -> bool:
+    """Whether products of generators are independent: no angle is a multiple of another one."""
+    angles = {x.args[0] for x in generators if isinstance(x, sp.sin | sp.cos)}
+    multiples = ((first / second).is_Rational for first, second in combinations(angles, 2))
+    return all(isinstance(x, _CERTAIN) for x in generators) and not any(multiples)
 
 
 def _signals(ring: Ring, expression: sp.Basic) -> set[sp.Expr]:

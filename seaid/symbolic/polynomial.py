@@ -49,7 +49,8 @@ class Ring:
     `generators` are sympy expressions; `motion`, `unknown`, `known` are their indices by kind;
     `undeclared` are functions of time that the caller did not declare; `moving` are the symbols
     that change during a motion, time among them. `units` has the divisor of every "angle",
-    "exponent" and base of a "root" of which the rational factors are multiples.
+    "exponent" and base of a "root" of which the rational factors are multiples. Up to `most_turns`
+    times an angle, sine and cosine are polynomials in those of the angle.
     """
 
     context: fmpq_mpoly_ctx
@@ -61,6 +62,7 @@ class Ring:
     moving: frozenset[sp.Symbol]
     units: Mapping[str, Mapping[sp.Expr, sp.Rational]]
     max_terms: int
+    most_turns: float
     relations: list[Relation] = field(default_factory=list)
     index: dict[sp.Expr, int] = field(init=False, repr=False)
 

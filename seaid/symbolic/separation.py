@@ -26,7 +26,6 @@ from seaid.symbolic.entries import (
     grouped,
     grouped_by_motion,
     normalised,
-    with_multiples,
 )
 from seaid.symbolic.from_sympy import declared, read_equations, without_dependent
 from seaid.symbolic.generators import located, shortened
@@ -158,9 +157,6 @@ def separate(
     for number, (equation, expression) in track(pairs, "equations grouped", progress):
         with located(f"equation {number}"):
             rows.append(_grouped(ring, equation, expression, symbols))
-    # A closed loop is solved for sines and cosines of the angles themselves, not of multiples.
-    if not closures:
-        ring, rows = with_multiples(ring, rows)
     rows = [normalised(ring, row) for row in rows]
     _check_undeclared(ring, rows, symbols)
     monomials = _columns(rows, symbols)
