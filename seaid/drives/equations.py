@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
@@ -19,7 +18,7 @@ import sympy as sp
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, is_smooth
 from seaid.drives.terms import COULOMB, DEAD_ZONES, PARAMETERS, Parameter
-from seaid.errors import RobotError, SymbolicError, shortened, shown, unknown_name
+from seaid.errors import RobotError, SymbolicError, shortened, unknown_name
 from seaid.symbolic.expression_text import expression_of
 
 t = sp.Symbol("t")
@@ -218,38 +217,6 @@ def _symbol(name: str) -> sp.Expr:
     if name in _TAKEN:
         raise SymbolicError(f"the name '{shortened(name)}' is taken; choose another")
     return sp.Symbol(name)
-
-
-def extra_torque(drive: Drive) -> Callable[[float, float, float, float], float]:
-    """Return the sum [N m] of the extra terms as a function of (theta_M, w, q, q').
-
-    Raises RobotError if a term has unknown parameters; the function raises it for a state at which
-    a term has no real value.
-    """
-    flat = {state: sp.Symbol(name, real=True) for name, state in STATES.items()}
-    expression = sum(extra_terms(drive), sp.Integer(0)).xreplace(flat)
-    known = known_values(drive)
-    states = ("theta_M", "theta_M_dot", "theta_L", "theta_L_dot")
-    arguments = [*(flat[STATES[name]] for name in states), *known]
-    unknown = expression.free_symbols - set(arguments)
-    if unknown:
-        raise RobotError(
-            f"extra terms {shown(list(drive.extra_terms))} have no value for "
-            f"{', '.join(sorted(map(str, unknown)))}: write numbers to simulate them"
-        )
-    function = sp.lambdify(arguments, expression, modules="math")
-    values = tuple(known.values())
-
-    def torque(*state: float) -> float:
-        try:
-            return float(function(*state, *values))
-        except (ArithmeticError, ValueError, TypeError) as problem:  # TypeError: not real
-            at = ", ".join(f"{name} = {x:.4g}" for name, x in zip(states, state, strict=True))
-            raise RobotError(
-                f"extra terms {shown(list(drive.extra_terms))} have no value at {at}: {problem}"
-            ) from None
-
-    return torque
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from seaid.drives.equations import (
     K_u,
     N,
     dry_friction,
+    extra_terms,
     joint_equation,
     known_values,
     motor_equation,
@@ -43,9 +44,9 @@ from seaid.drives.equations import (
     theta_M,
 )
 from seaid.drives.equations import t as time_symbol
-from seaid.drives.regressor import Compiled, DriveRegressor, compiled, flat_names, slope_by
+from seaid.drives.regressor import Compiled, DriveRegressor, compiled, flat_names, of_real, slope_by
 from seaid.drives.terms import DEAD_ZONES, PARAMETERS_OF, key_of
-from seaid.errors import ExcitationError, RobotError
+from seaid.errors import ExcitationError, RobotError, shown
 
 OfState = Callable[..., float]
 """A function of motor angle and speed, joint position and speed, torque through the gear, and the
@@ -90,6 +91,7 @@ class DriveFunctions:
 def is_plain(drive: Drive) -> bool:
     """Whether a drive has at most viscous and Coulomb friction and a linear spring."""
     is_linear = set(drive.spring) <= {"linear"} and not drive.harmonics
+    is_linear = is_linear and not drive.extra_terms
     return is_linear and set(drive.friction) <= _PLAIN_FRICTION and not _joint_terms(drive)
 
 
@@ -99,19 +101,19 @@ def drive_functions(drive: Drive) -> DriveFunctions:
 
     The spring offset of a linear spring without preload is ignored, because it describes encoder
     offsets, not a force. A missing deflection zero counts as zero. Raises RobotError naming the key
-    of a parameter without a value.
+    of a parameter without a value, and the functions raise it where an extra term has none.
     """
     level = _with_values(drive, dry_friction(drive))
     if "coulomb_position" in drive.friction:  # none of the positions that were seen has less
         level = sp.Max(level, 0)
-    friction = _with_values(drive, smooth_friction(drive))
+    friction = _with_values(drive, smooth_friction(drive)) + _extra_torque(drive)
     force = _with_values(drive, spring_force(drive))
     joint = _with_values(drive, joint_equation(drive).expression + tau_L)
     # Without dry friction, whose level is the coefficient of sign(q').
     smooth = joint.replace(sp.sign, lambda _: sp.Integer(0))
     position, speed = sp.symbols("theta_L theta_L_dot")
     return DriveFunctions(
-        friction=_function(friction),
+        friction=_function(friction, drive.extra_terms),
         level=_function(level),
         force=_function(force),
         joint_torque=sp.lambdify([position, speed], smooth, modules="math"),
@@ -199,6 +201,20 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
     return numeric.replace(lambda e: isinstance(e, Dahl), _state_of)
 
 
+def _extra_torque(drive: Drive) -> sp.Expr:
+    """Return the extra terms at the motor by the state, or raise RobotError for an unknown name."""
+    torque = of_real(sum(extra_terms(drive), sp.Integer(0)))
+    states = [symbol for symbol in torque.free_symbols if symbol.name in _STATE]
+    torque = _with_values(drive, torque.xreplace({x: sp.Symbol(x.name) for x in states}))
+    unknown = {symbol.name for symbol in torque.free_symbols} - set(_STATE)
+    if unknown:
+        raise RobotError(
+            f"extra terms {shown(list(drive.extra_terms))} have no value for "
+            f"{', '.join(sorted(unknown))}: write numbers to simulate them"
+        )
+    return torque
+
+
 def simulated_value(drive: Drive, name: str) -> float:
     """Return a value of a drive. Raises RobotError naming its key if it is not given."""
     _check_given(drive, name, drive.values)
@@ -217,14 +233,27 @@ def _state_of(law: Dahl) -> sp.Symbol:
     return sp.Symbol("z_F" if is_spring else "z_M")
 
 
-def _function(expression: sp.Expr) -> OfState:
+def _function(expression: sp.Expr, extra_terms: Sequence[str] = ()) -> OfState:
     arguments = [sp.Symbol(name) for name in _STATE]
     covariates = [name for name in _COVARIATES if sp.Symbol(name) in expression.free_symbols]
     arguments += map(sp.Symbol, covariates)
     function = sp.lambdify(arguments, expression, modules="math", cse=True)
     # The last arguments may be omitted: states of hysteresis and covariates, which are zero.
     function.__defaults__ = (0.0,) * (2 + len(covariates))
-    return partial(function, **dict.fromkeys(covariates, 0.0)) if covariates else function
+    of_state = partial(_real, function, tuple(extra_terms)) if extra_terms else function
+    return partial(of_state, **dict.fromkeys(covariates, 0.0)) if covariates else of_state
+
+
+def _real(
+    function: OfState, extra_terms: Sequence[str], *state: float, **covariates: float
+) -> float:
+    try:
+        return float(function(*state, **covariates))
+    except (ArithmeticError, ValueError, TypeError) as problem:  # TypeError: not real
+        at = ", ".join(f"{name} = {x:.4g}" for name, x in zip(_STATE, state, strict=False))
+        raise RobotError(
+            f"extra terms {shown(list(extra_terms))} have no value at {at}: {problem}"
+        ) from None
 
 
 def _vectorised(argument: sp.Symbol, expression: sp.Expr) -> Callable[[Array], Array]:

@@ -176,7 +176,7 @@ def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
 @cache
 def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
     """Return the derivative by a parameter, for real signals."""
-    return slope_by(_of_real(expression), symbol)
+    return slope_by(of_real(expression), symbol)
 
 
 def slope_by(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
@@ -185,7 +185,7 @@ def slope_by(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
 
 
 @cache
-def _of_real(expression: sp.Expr) -> sp.Expr:
+def of_real(expression: sp.Expr) -> sp.Expr:
     """Return a flat expression of real signals: else sympy derives |x| by real and imaginary x."""
     real = {sp.Symbol(name): sp.Symbol(name, real=True) for name in _ARGUMENTS.values()}
     return flat_names(expression).xreplace(real)

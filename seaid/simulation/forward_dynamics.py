@@ -135,11 +135,11 @@ def _driven(plant: Plant, data: pin.Data, y: Array, held: _Held) -> Array:
     These are the torques on joints and on rotors, without friction that sticks. Further rows, one
     per row of hysteresis, are zero.
     """
-    if not (plant.functions or plant.extras):
+    if not plant.functions:
         return _moved(plant, data, y, y.reshape(-1), held)
     n, state, under_load = y.shape[1], y[: plant.rows], list(plant.under_load)
     at = drive_states(plant, state).T.tolist()
-    free, force = _of_functions(plant, at, y[-2])
+    free, force = y[-2], _spring_forces(plant, at)
     gear, last = np.zeros(n), None
     # Friction under load depends on the torque through the gear, which depends on the acceleration:
     # the fixed point x = N (free - friction(x) - I_M theta''(x)).
@@ -158,15 +158,13 @@ def _driven(plant: Plant, data: pin.Data, y: Array, held: _Held) -> Array:
     )
 
 
-def _of_functions(plant: Plant, at: Sequence[list[float]], torque: Array) -> tuple[Array, Array]:
-    """Return motor torques less those of extra terms, and the forces of springs in `functions`."""
-    free, force = torque.copy(), np.zeros(len(torque))
-    for index, extra in plant.extras:
-        free[index] -= extra(*at[index][: JOINT_SPEED + 1])
+def _spring_forces(plant: Plant, at: Sequence[list[float]]) -> Array:
+    """Return the forces of springs in `functions`, zero of all others."""
+    force = np.zeros(len(at))
     for index, drive in plant.functions:
         if plant.elastic[index]:
             force[index] = of_column(drive.force, at[index])
-    return free, force
+    return force
 
 
 def _without_friction(
@@ -364,7 +362,7 @@ def advance(
         parts *= math.ceil(step / parts / plant.longest_step)
     rates = np.zeros((plant.rows - JOINT_SPEED + 1, len(torque)))
     rates[-2] = torque_rate
-    is_linear = feedback is None and not (plant.functions or plant.extras)
+    is_linear = feedback is None and not plant.functions
     is_linear = is_linear and len(torque) <= _MOST_LINEAR
     repeated = step / parts if repeated_parts and is_linear else math.nan
     part, y = _Part(plant, data, rates, feedback, repeated), _with_inputs(state, torque)

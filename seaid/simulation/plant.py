@@ -7,7 +7,7 @@ which joints move when the load side (8) is linearised along a motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from itertools import chain
@@ -18,7 +18,6 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import PARAMETERS_OF, Drive
 from seaid.drives.angle_ratio import Ratios
-from seaid.drives.equations import extra_torque
 from seaid.drives.functions import DriveFunctions, drive_functions, is_plain, simulated_value
 from seaid.drives.terms import BY_TEMPERATURE, WARM_UP
 from seaid.errors import RobotError
@@ -39,8 +38,6 @@ _SHORTEST_STEP_S = 1e-6
 
 _COLDEST_K = 50.0
 """Distance from the reference temperature at which steps are still short enough."""
-
-Extra = Callable[[float, float, float, float], float]
 
 
 @lru_cache(maxsize=64)
@@ -133,13 +130,7 @@ class Plant:
         motor = self.mobility[:, None] * rotor
         memory = [np.zeros_like(load)] * (self.rows - JOINT_SPEED - 1)
         matrix = np.concatenate([speed, motor, moving, 0 * load, load, rotor, *memory])
-        return matrix if self.functions or self.extras else matrix[:, : -len(load)].copy()
-
-    @cached_property
-    def extras(self) -> tuple[tuple[int, Extra], ...]:
-        """The extra terms of drives, by index."""
-        pairs = enumerate(self.drives)
-        return tuple((index, extra_torque(drive)) for index, drive in pairs if drive.extra_terms)
+        return matrix if self.functions else matrix[:, : -len(load)].copy()
 
     @cached_property
     def changes(self) -> bool:
