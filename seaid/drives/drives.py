@@ -36,7 +36,6 @@ from seaid.drives.terms import (
     MotorInput,
     between_encoders,
     harmonics_of,
-    is_harmonic,
     is_transmission_error,
     key_of,
     of_spring,
@@ -270,12 +269,12 @@ def _check_values(drive: Drive) -> None:
     """Check that `nominal`, `known` and `std` fit the drive's terms. Raises RobotError."""
     names = drive.parameter_names
     for name, value in drive.nominal.items():
-        check_name("nominal parameter", name, PARAMETERS, RobotError)
+        check_name("nominal parameter", name, {*PARAMETERS, *names}, RobotError)
         if (field := _field_of(drive, name)) is not None:
             raise RobotError(f"nominal has '{name}': give it as {field}")
         if name not in names:
             raise RobotError(f"found a value of '{name}', but the drive lacks {_term_with(name)}")
-        if PARAMETERS[name].is_positive:
+        if parameter_named(name).is_positive:
             _number(f"nominal '{name}'", value, "zero or more")
     for name in drive.known:
         check_name("known parameter", name, names, RobotError)
@@ -378,7 +377,7 @@ class _Parameters(Display):
     def without_harmonics(self) -> Self:
         """Return the drive without periodic errors."""
         empty: dict[str, Any] = {field: () for field in FIELDS if getattr(self, field)}
-        return replace(self, **empty) if empty else self
+        return self._with_terms(**empty) if empty else self
 
     def without_memory(self) -> Self:
         """Return the drive with sharp Coulomb friction, and a spring without hysteresis."""
@@ -424,14 +423,11 @@ class _Parameters(Display):
     def own_values(self) -> Mapping[str, float]:
         """{parameter: known or nominal value} of all parameters that have one, as in the TOML."""
         values: dict[str, float] = {}
-        for name in PARAMETERS:
+        for name in (*PARAMETERS, *self._amplitudes):
             field = _field_of(self, name)
             value = self.nominal.get(name) if field is None else getattr(self, field)
             if value is not None:
                 values[name] = float(value)
-        for harmonic in self.harmonics:
-            if harmonic.amplitudes is not None:
-                values.update(zip(harmonic.names, harmonic.amplitudes, strict=True))
         return FrozenMapping(values)
 
     @cached_property
@@ -479,10 +475,7 @@ class _Parameters(Display):
         if self.gear_compliance or self.harmonics:
             # New values are between the encoders, as in the equations; fields are of the spring.
             values = of_spring({**self.values, **values}, self.gear_compliance)
-            changes |= _with_amplitudes(self, values)
         for name, value in values.items():
-            if is_harmonic(name):
-                continue
             field = _field_of(self, name)
             if field is None:
                 nominal[name] = float(value)
@@ -495,24 +488,8 @@ class _Parameters(Display):
         kept = {"motor_inertia", *self.known}
         others = (_field_of(self, name) for name in PARAMETERS if name not in kept)
         changes: dict[str, Any] = {field: None for field in others if field is not None}
-        changes |= _with_amplitudes(self, {x: y for x, y in self.own_values.items() if x in kept})
         nominal = {name: value for name, value in self.nominal.items() if name in kept}
         return replace(self, nominal=nominal, **changes)
-
-
-def _with_amplitudes(drive: Any, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the fields of periodic errors with the amplitudes in `values`, None without both.
-
-    Where one of the two is unknown, it is zero.
-    """
-
-    def valued(harmonic: Harmonic) -> Harmonic:
-        cosine, sine = (values.get(name, 0.0) for name in harmonic.names)
-        is_unknown = values.keys().isdisjoint(harmonic.names)
-        return replace(harmonic, amplitudes=None if is_unknown else (cosine, sine))
-
-    fields_of = {field: getattr(drive, field) for field in FIELDS}
-    return {field: tuple(map(valued, entries)) for field, entries in fields_of.items() if entries}
 
 
 @dataclass(frozen=True, repr=False)
@@ -559,7 +536,7 @@ class StiffDrive(_Parameters):
         the term "coulomb_position".
     torque_ripple : mapping {angle: orders}
         Periodic torque of the motor: orders of "motor", "joint" or "mesh", such as
-        {"motor": [6]}, or {order: [cos, sin]} with nominal amplitudes [N m].
+        {"motor": [6]}; its amplitudes are parameters, such as "torque_ripple_motor_6_cos".
     std : mapping {constant: standard deviation}
         Of the constants above, in their units, and of "torque_scale" (relative), for `identify`.
     shared : str
@@ -623,7 +600,7 @@ class SeriesElasticDrive(_Parameters):
     joint_friction : tuple of str
         Terms of the friction between the joint's two bodies, behind the spring.
     transmission_error : mapping {angle: orders}
-        Periodic error of the gear in the deflection [rad or m], as `torque_ripple`.
+        Periodic error of the gear in the deflection, as `torque_ripple`.
     others
         As in `StiffDrive`.
 

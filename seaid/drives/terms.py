@@ -48,10 +48,8 @@ cos(n x) and sin(n x). Its angle x is that of
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any, Literal, get_args
 
 from seaid.errors import RobotError, check_name, shown
@@ -364,12 +362,11 @@ _PARTS = ("cos", "sin")
 
 @dataclass(frozen=True)
 class Harmonic:
-    """One order of a periodic error, with its amplitudes or None where they are unknown."""
+    """One order of a periodic error."""
 
     field: str
     angle: Angle
     order: int
-    amplitudes: tuple[float, float] | None = None
 
     @property
     def names(self) -> tuple[str, str]:
@@ -388,7 +385,7 @@ def is_harmonic(name: str) -> bool:
 
 
 def harmonics_of(field: str, table: Any) -> tuple[Harmonic, ...]:
-    """Return the harmonics of a field from {angle: [orders]} or {angle: {order: [cos, sin]}}.
+    """Return the harmonics of a field from {angle: [orders]}.
 
     Raises RobotError naming the field.
     """
@@ -398,54 +395,36 @@ def harmonics_of(field: str, table: Any) -> tuple[Harmonic, ...]:
         raise RobotError(
             f"{field} must be a table of orders, such as {{ motor = [1, 2] }}, found {shown(table)}"
         )
-    harmonics = tuple(chain(*(_harmonics_about(field, *item) for item in table.items())))
+    harmonics = tuple(
+        Harmonic(field, angle, order)
+        for angle, orders in table.items()
+        for order in _orders(field, angle, orders)
+    )
     if len({harmonic.names for harmonic in harmonics}) < len(harmonics):
         raise RobotError(f"{field} names an order twice: {shown(table)}")
     return harmonics
 
 
-def _harmonics_about(field: str, angle: Any, orders: Any) -> list[Harmonic]:
-    """Return the harmonics of a field about one angle."""
+def _orders(field: str, angle: Any, orders: Any) -> Sequence[int]:
+    """Return the orders of a field about one angle. Raises RobotError for others."""
     check_name(f"angle of {field}", angle, get_args(Angle), RobotError)
-    if not isinstance(orders, Mapping | list | tuple) or not orders:
+    if not isinstance(orders, list | tuple) or not orders:
         raise RobotError(
-            f"{field} {angle} must be a list of orders, or a table {{ order = [cos, sin] }} of "
-            f"amplitudes, found {shown(orders)}"
+            f"{field} {angle} must be a list of orders, such as [6], found {shown(orders)}; "
+            f"amplitudes are parameters, such as {field}_{angle}_6_cos"
         )
-    pairs = orders.items() if isinstance(orders, Mapping) else ((order, None) for order in orders)
-    return [_harmonic(field, angle, *pair) for pair in pairs]
+    for order in orders:
+        if type(order) is not int or not 1 <= order <= _HIGHEST_ORDER:
+            raise RobotError(
+                f"{field} {angle}: an order is a whole number from 1 to {_HIGHEST_ORDER}, found "
+                f"{shown(order)}"
+            )
+    return orders
 
 
-def _harmonic(field: str, angle: Angle, order: Any, amplitudes: Any) -> Harmonic:
-    whole = isinstance(order, int) and not isinstance(order, bool)
-    number = order if whole else int(order) if isinstance(order, str) and order.isdigit() else 0
-    if not 1 <= number <= _HIGHEST_ORDER:
-        raise RobotError(
-            f"{field} {angle}: an order is a whole number from 1 to {_HIGHEST_ORDER}, found "
-            f"{shown(order)}"
-        )
-    if amplitudes is None:
-        return Harmonic(field, angle, number)
-    pair = amplitudes if isinstance(amplitudes, list | tuple) else ()
-    if len(pair) != len(_PARTS) or not all(map(_is_finite, pair)):
-        raise RobotError(
-            f"{field} {angle} {number}: the amplitudes are two finite numbers [cos, sin], found "
-            f"{shown(amplitudes)}"
-        )
-    return Harmonic(field, angle, number, (float(pair[0]), float(pair[1])))
-
-
-def _is_finite(x: Any) -> bool:
-    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-
-
-def harmonics_table(harmonics: Iterable[Harmonic]) -> dict[str, Any]:
-    """Return harmonics as a table for TOML: lists of orders, or amplitudes where they are known."""
-    table: dict[str, dict[str, list[float] | None]] = {}
+def harmonics_table(harmonics: Iterable[Harmonic]) -> dict[str, list[int]]:
+    """Return harmonics as a table for TOML: the orders of each angle."""
+    table: dict[str, list[int]] = {}
     for harmonic in harmonics:
-        amplitudes = None if harmonic.amplitudes is None else list(harmonic.amplitudes)
-        table.setdefault(harmonic.angle, {})[str(harmonic.order)] = amplitudes
-    return {
-        angle: [int(order) for order in orders] if None in orders.values() else dict(orders)
-        for angle, orders in table.items()
-    }
+        table.setdefault(harmonic.angle, []).append(harmonic.order)
+    return table

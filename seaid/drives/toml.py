@@ -88,7 +88,8 @@ def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
         )
     # The units, and with them the keys, depend on ratio and radii: first a drive of these alone.
     bare = kind(**{**values, "known": ()})
-    named = {key_of(name, unit_of(bare, name)): name for name in _possible_parameters(kind)}
+    names = {*_possible_parameters(kind), *bare.parameter_names}
+    named = {key_of(name, unit_of(bare, name)): name for name in sorted(names)}
     for key in others:
         check_name("key", key, ["type", *keys, *named], RobotError)
     more = {named[key]: value for key, value in others.items()}

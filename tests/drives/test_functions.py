@@ -33,7 +33,13 @@ from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import ARM_SENSORS, arm, arm_log, arm_motion, wiggle
 
-ERROR = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
+ERROR_VALUES = {
+    "transmission_error_motor_1_cos": 1e-3,
+    "transmission_error_motor_1_sin": 5e-4,
+    "transmission_error_joint_3_cos": 0.0,
+    "transmission_error_joint_3_sin": 2e-3,
+}
+RIPPLE_VALUES = {"torque_ripple_joint_4_cos": 1e-3, "torque_ripple_joint_4_sin": 0.0}
 
 
 @cache
@@ -43,8 +49,16 @@ def truth() -> Robot:
     wrist = arm().drives["wrist"]
     return arm().with_drives(
         {
-            "shoulder": replace(shoulder, transmission_error=ERROR),
-            "wrist": replace(wrist, torque_ripple={"joint": {4: (1e-3, 0.0)}}),
+            "shoulder": replace(
+                shoulder,
+                transmission_error={"motor": [1], "joint": [3]},
+                nominal={**shoulder.nominal, **ERROR_VALUES},
+            ),
+            "wrist": replace(
+                wrist,
+                torque_ripple={"joint": [4]},
+                nominal={**wrist.nominal, **RIPPLE_VALUES},
+            ),
         }
     )
 
@@ -60,12 +74,6 @@ def found(robot: Robot) -> Identification:
     return identify(robot.without_nominal(), measure(robot, motion(), SENSORS, 0))
 
 
-ERROR_VALUES = {
-    "transmission_error_motor_1_cos": 1e-3,
-    "transmission_error_motor_1_sin": 5e-4,
-    "transmission_error_joint_3_cos": 0.0,
-    "transmission_error_joint_3_sin": 2e-3,
-}
 SENSORS = replace(ARM_SENSORS, motor_offset_rad=0.0)
 
 
@@ -75,8 +83,13 @@ def test_force_and_torque_of_the_errors() -> None:
         gear_ratio=100.0,
         stiffness_Nm_per_rad=300.0,
         friction=(),
-        transmission_error={"motor": {1: (1e-3, 0.0)}, "mesh": {2: (0.0, 2e-3)}},
-        torque_ripple={"joint": {3: (0.01, 0.0)}},
+        transmission_error={"motor": [1], "mesh": [2]},
+        torque_ripple={"joint": [3]},
+        nominal={
+            "transmission_error_motor_1_cos": 1e-3,
+            "transmission_error_mesh_2_sin": 2e-3,
+            "torque_ripple_joint_3_cos": 0.01,
+        },
     )
     functions, motor, joint = drive_functions(drive), 5.0, 0.04
     error = 1e-3 * np.cos(motor) + 2e-3 * np.sin(2 * (motor - motor / 100))
@@ -100,7 +113,7 @@ def test_periodic_errors_are_recovered() -> None:
     assert identified.own_values[name] == pytest.approx(drive.value(name))
     assert "transmission-error" not in {flag.code for flag in found(truth()).warnings}
     wrist = found(truth()).drives["wrist"]
-    for name, value in (("torque_ripple_joint_4_cos", 1e-3), ("torque_ripple_joint_4_sin", 0.0)):
+    for name, value in RIPPLE_VALUES.items():
         assert abs(wrist.value(name) - value) < 3 * wrist.standard_error(name)
         assert wrist.standard_error(name) < 2e-4
 
@@ -179,15 +192,11 @@ def test_amplitudes_follow_the_stiffness_with_a_gear_in_series() -> None:
     assert name not in found(robot).drives["shoulder"].names
 
 
-@pytest.mark.parametrize(("part", "partner"), [("cos", "sin"), ("sin", "cos")])
-def test_a_known_amplitude_stays_where_its_partner_is_unknown(part: str, partner: str) -> None:
-    """The unknown one counts as zero, as all unknown periodic errors do."""
-    name = f"torque_ripple_joint_4_{part}"
-    ripple = {"joint": {4: (1e-3, 2e-3)}}
-    drive = replace(arm().drives["wrist"], torque_ripple=ripple, known=(name,))
-    values = drive.without_nominal().own_values
-    assert values[name] == drive.own_values[name]
-    assert values[name.replace(part, partner)] == 0.0
+def test_an_unknown_amplitude_counts_as_zero() -> None:
+    known, unknown = RIPPLE_VALUES
+    drive = replace(truth().drives["wrist"], known=(known,)).without_nominal()
+    assert (drive.values[known], drive.values[unknown]) == (1e-3, 0.0)
+    assert unknown not in drive.own_values
 
 
 def test_identifiability_does_not_depend_on_harmonics() -> None:

@@ -456,12 +456,13 @@ def test_a_stiff_joint_with_a_width_of_friction_is_linearised_again() -> None:
 @pytest.mark.slow  # a refinement of a joint with other terms
 @pytest.mark.usefixtures("estimates_only")
 def test_errors_of_the_gear_are_refined() -> None:
-    wrong = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
-    truth = with_drive(SPRINGS, "shoulder", {"transmission_error": wrong}, {})
+    wrong = {"motor_1_cos": 1e-3, "motor_1_sin": 5e-4, "joint_3_cos": 0.0, "joint_3_sin": 2e-3}
+    amplitudes = {f"transmission_error_{name}": value for name, value in wrong.items()}
+    nominal = {**SPRINGS.drives["shoulder"].nominal, **amplitudes}
+    orders = {"motor": [1], "joint": [3]}
+    errors_of_gear = {"transmission_error": orders, "nominal": nominal}
+    truth = with_drive(SPRINGS, "shoulder", errors_of_gear, {})
     known = truth.without_nominal()
     refined = refine(identify(known, log(truth)), log(truth)).drives["shoulder"]
-    for place, names in wrong.items():
-        for order, amplitudes in names.items():
-            for kind, amplitude in zip(("cos", "sin"), amplitudes, strict=True):
-                name = f"transmission_error_{place}_{order}_{kind}"
-                assert refined.value(name) == pytest.approx(amplitude, abs=2e-6)
+    for name, amplitude in amplitudes.items():
+        assert refined.value(name) == pytest.approx(amplitude, abs=2e-6)
