@@ -3,32 +3,35 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
+from seaid._arrays import Array, BoolArray, number
 from seaid.errors import RobotError, shown
-
-if TYPE_CHECKING:
-    from seaid._arrays import Array, BoolArray
 
 DELAY_PARAMETER = "command_delay"
 """The parameter of the delay of commands."""
 
 
 _SUPPLY = "nominal_supply_V"
-_LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(float).max
-_RANGES = {
-    "position_gain_Nm_per_rad": ("zero or more and finite", 0.0, _MOST),
-    "velocity_gain_Nms_per_rad": ("zero or more and finite", 0.0, _MOST),
-    "torque_limit_Nm": ("more than zero", _LEAST, math.inf),
-    "no_load_speed_rad_per_s": ("more than zero", _LEAST, math.inf),
-    "command_velocity_gain_Nms_per_rad": ("a finite number", -_MOST, _MOST),
-    "feedforward_Nm": ("a finite number", -_MOST, _MOST),
-    "nominal_supply_V": ("more than zero and finite", _LEAST, _MOST),
+_LEAST = {
+    **dict.fromkeys(("position_gain_Nm_per_rad", "velocity_gain_Nms_per_rad"), "zero or more"),
+    **dict.fromkeys(("command_velocity_gain_Nms_per_rad", "feedforward_Nm"), "a number"),
+    **dict.fromkeys(("torque_limit_Nm", "no_load_speed_rad_per_s", _SUPPLY), "more than zero"),
 }
-"""{field: (what it must be, least and largest value)}."""
+"""{field: what its number must be}."""
+
+
+def signed_number(name: str, value: Any, least: str, most: float = np.finfo(float).max) -> float:
+    """Return a number that is "zero or more", "more than zero" or "a number", up to `most`."""
+    size = number(name, value, RobotError)
+    allowed = {"zero or more": size >= 0, "more than zero": size > 0}.get(least, True)
+    if not (allowed and abs(size) <= most):
+        finite = "" if math.isinf(most) else " and finite"
+        raise RobotError(f"{name} must be {least}{finite}, found {shown(value)}")
+    return size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,13 +100,11 @@ class Controller:
                 raise RobotError(
                     f"{name} must be true or false, found {shown(getattr(self, name))}"
                 )
-        for name, (words, low, high) in _RANGES.items():
-            value = getattr(self, name)
-            if value is None and name == _SUPPLY:
-                continue
-            if not _is_within(value, low, high):
-                ask = ": write the number of your controller" if isinstance(value, str) else ""
-                raise RobotError(f"{name} must be {words}, found {shown(value)}{ask}")
+        defaults = {field.name: field.default for field in fields(self)}
+        for name, least in _LEAST.items():
+            if getattr(self, name) is not None or defaults[name] is not None:
+                most = math.inf if defaults[name] == math.inf else np.finfo(float).max
+                signed_number(name, getattr(self, name), least, most)
         if self.is_duty and self.nominal_supply_V is None:
             raise RobotError(
                 "is_duty = true needs nominal_supply_V, the supply voltage to which the gains of "
@@ -112,7 +113,7 @@ class Controller:
 
     def times(self, scale: float) -> Controller:
         """Return the controller with gains, limit and feed-forward times a scale, in N m."""
-        names = [name for name in _RANGES if name not in ("no_load_speed_rad_per_s", _SUPPLY)]
+        names = [name for name in _LEAST if name not in ("no_load_speed_rad_per_s", _SUPPLY)]
         changes: dict[str, Any] = {name: scale * getattr(self, name) for name in names}
         return replace(self, is_up_to_scale=False, **changes)
 
@@ -143,9 +144,3 @@ class Controller:
     def gain_factor(self, supply: Array | float) -> Array | float:
         """Return the factor on all gains at a supply voltage over its nominal one."""
         return supply if self.is_duty else 1.0
-
-
-def _is_within(value: Any, low: float, high: float) -> bool:
-    """Whether a value is a number within limits."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and low <= value <= high

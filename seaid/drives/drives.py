@@ -7,7 +7,6 @@ serve only simulation, planning and as initial values of an identification.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from dataclasses import field as entry
@@ -17,10 +16,10 @@ from typing import Any, ClassVar, Self, get_args
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping, number
+from seaid._arrays import Array, FrozenMapping
 from seaid._progress import Display
 from seaid.drives.angle_ratio import AngleRatio
-from seaid.drives.controller import DELAY_PARAMETER, Controller
+from seaid.drives.controller import DELAY_PARAMETER, Controller, signed_number
 from seaid.drives.terms import (
     BY_TEMPERATURE,
     COMMANDS,
@@ -100,18 +99,15 @@ _MOST_EXTRA_TERMS = 20
 _LEAST = {
     **dict.fromkeys(("motor_inertia_kg_m2", "coulomb_friction_Nm"), "zero or more"),
     "viscous_friction_Nms_per_rad": "zero or more",
-    **dict.fromkeys(("command_delay_s", "reference_position_rad"), "any number"),
-    "reference_temperature_degC": "any number",
+    **dict.fromkeys(("command_delay_s", "reference_position_rad"), "a number"),
+    "reference_temperature_degC": "a number",
 }
 """{field: what its number must be}; those of other fields are more than zero."""
 
 
 def _number(name: str, value: Any, least: str = "") -> Any:
     """Return a number of the right sign and size. Raises RobotError for others."""
-    size, least = number(name, value, RobotError), least or _LEAST.get(name, "more than zero")
-    allowed = {"zero or more": size >= 0, "more than zero": size > 0}.get(least, True)
-    if not allowed or not math.isfinite(size):
-        raise RobotError(f"{name} must be {least} and finite, found {shown(value)}")
+    size = signed_number(name, value, least or _LEAST.get(name, "more than zero"))
     least_size, most = _LENGTH_SIZES if name.startswith(_LENGTHS) else _SIZES
     if size and not least_size <= abs(size) <= most:
         raise RobotError(
@@ -138,7 +134,7 @@ def _numbers(field: str, table: Any) -> FrozenMapping[float]:
     if not isinstance(table, Mapping):
         raise RobotError(f"{field} must be a table of numbers, found {shown(table)}")
     for name, value in table.items():
-        _number(f"{field} '{shortened(name)}'", value, "any number")
+        _number(f"{field} '{shortened(name)}'", value, "a number")
     return FrozenMapping(table)
 
 
@@ -377,7 +373,7 @@ class _Parameters(Display):
     def without_harmonics(self) -> Self:
         """Return the drive without periodic errors."""
         empty: dict[str, Any] = {field: () for field in FIELDS if getattr(self, field)}
-        return self._with_terms(**empty) if empty else self
+        return self.with_terms(**empty) if empty else self
 
     def without_memory(self) -> Self:
         """Return the drive with sharp Coulomb friction, and a spring without hysteresis."""
@@ -386,9 +382,9 @@ class _Parameters(Display):
         bare: Any = {"friction": tuple("coulomb" if x == "dahl" else x for x in self.friction)}
         if self.is_elastic:
             bare["spring"] = tuple(x for x in self.spring if x != "dahl")  # type: ignore[attr-defined]
-        return self._with_terms(**bare)
+        return self.with_terms(**bare)
 
-    def _with_terms(self, **terms: Any) -> Self:
+    def with_terms(self, **terms: Any) -> Self:
         """Return the drive with other terms, and without the parameters that these do not have."""
         bare = replace(self, nominal={}, known=(), **terms)
         names = bare.parameter_names
@@ -465,7 +461,7 @@ class _Parameters(Display):
             if level in values
         }
         kept = tuple(term for term in self.friction if term not in _CHANGING)
-        bare = self._with_terms(friction=kept)
+        bare = self.with_terms(friction=kept)
         return bare.with_values(levels) if warmer else bare
 
     def with_values(self, values: Mapping[str, float]) -> Self:
@@ -652,11 +648,6 @@ class SeriesElasticDrive(_Parameters):
     def load_radius(self) -> float:
         """r_L of (8) [m]; 1 for a rotary spring and for a prismatic joint."""
         return self.load_pulley_radius_m or 1.0
-
-    @property
-    def stiffness(self) -> float | None:
-        """Nominal k [N/m] of a linear spring, [N m/rad] of a rotary one."""
-        return self.stiffness_N_per_m if self.is_linear_spring else self.stiffness_Nm_per_rad
 
     @property
     def gear_compliance(self) -> float:

@@ -78,14 +78,14 @@ def symbol_of(name: str) -> sp.Symbol:
 
 
 SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G, Delta_T, t_log, tau_C)
-STATES = {
-    "theta_M": theta_M,
-    "theta_M_dot": theta_M.diff(t),
-    "theta_M_ddot": theta_M.diff(t, 2),
-    "theta_L": theta_L,
-    "theta_L_dot": theta_L.diff(t),
-    "theta_L_ddot": theta_L.diff(t, 2),
+NAMES_OF = {
+    signal.diff(t, order): f"{signal.func}{suffix}"
+    for order, suffix in ((2, "_ddot"), (1, "_dot"), (0, ""))
+    for signal in SIGNALS
 }
+"""{signal or derivative: flat name}, highest derivatives first for substitution."""
+
+STATES = {name: signal for signal, name in NAMES_OF.items() if signal.has(theta_M, theta_L)}
 """{name in the text of an extra term: signal}."""
 
 

@@ -1,6 +1,7 @@
 """Drive equations as compiled functions: values for simulation, values and slopes for planning.
 
-- `drive_functions`, `spring_curve`: the terms of a drive with its values, at a state;
+- `drive_functions`: the terms of a drive with its values, at a state;
+- `spring_curve`: the force of a spring at rest over its deflection;
 - `smooth_columns`: columns of the regressor (10) with derivatives by the signals;
 - `friction_curve`, `joint_curve`: the torques of friction and joint terms in the same way;
 - `nonlinear_spring`: deflection of a nonlinear spring as a function of its force.
@@ -18,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
+from scipy.interpolate import PchipInterpolator
 
 from seaid._arrays import Array, FrozenMapping
 from seaid.drives.drives import Drive, StiffDrive, check_divisors, is_dry, total_ratio, unit_of
@@ -123,68 +125,21 @@ def drive_functions(drive: Drive) -> DriveFunctions:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class SpringCurve:
-    """Force and stiffness of a spring at rest as functions of the deflection (any shape).
+def spring_curve(drive: Drive, stretch: Array) -> Array:
+    """Return the force (T,) of a drive's spring at rest, by its deflection (T,).
 
-    The deflection is r_M/N theta_M - r_L theta_L.
+    The deflection is r_M/N theta_M - r_L theta_L. Of a loop of hysteresis the force is that amid
+    it. Raises RobotError for a missing value of the spring.
     """
-
-    force: Callable[[Array], Array]
-    slope: Callable[[Array], Array]
-
-
-@cache
-def spring_curve(drive: Drive) -> SpringCurve:
-    """Return the undamped curve of a drive's spring, or raise RobotError for a missing value."""
-    if drive.transmission_error:  # no part of the spring at rest
-        return spring_curve(drive.without_harmonics())
-    stretch = sp.Symbol("stretch", real=True)
-    undamped = [term for term in drive.spring if term != "damping"]
-    force = _with_values(
-        drive, spring_force(drive), needed=undamped
-    )  # z_F = 0 below: mid of a loop
-    zero = {sp.Symbol(name): 0 for name in _STATE}
+    rest: Any = {"spring": tuple(term for term in drive.spring if term != "damping")}
+    rest |= dict.fromkeys(("friction", "extra_terms", "parallel_spring", "joint_friction"), ())
+    force = drive_functions(drive.without_harmonics().with_terms(**rest)).force
     # With theta_L = 0 the deflection is r_M/N theta_M.
-    turned = stretch * drive.ratio / drive.motor_radius
-    curve = force.subs({**zero, sp.Symbol("theta_M"): turned})
-    slope = curve.diff(stretch)
-    return SpringCurve(_vectorised(stretch, curve), _vectorised(stretch, slope))
+    angles = np.asarray(stretch) * drive.ratio / drive.motor_radius
+    return np.array([force(angle, 0.0, 0.0, 0.0, 0.0) for angle in angles.tolist()])
 
 
-def stretch_of(curve: SpringCurve, force: Array) -> Array:
-    """Return the deflection at which a spring has a force (any shape), by bisection.
-
-    Within a dead zone it is one of the zone's ends. Raises RobotError for a force that the spring
-    never reaches.
-    """
-    most, least = float(np.max(force)), float(np.min(force))
-    bound = 1e-6
-    while not np.all(_reaches(curve, bound, least, most)):
-        bound *= 1.2
-        if bound > 1e6:
-            raise RobotError(
-                f"its spring never reaches forces of {least:.4g} to {most:.4g}: check the nominal "
-                "values of its terms"
-            )
-    return _bisected(curve.force, force, np.full_like(force, -bound), np.full_like(force, bound))
-
-
-def _reaches(curve: SpringCurve, bound: float, least: float, most: float) -> tuple[bool, bool]:
-    low, high = curve.force(np.array([-bound, bound]))
-    return bool(low <= least), bool(high >= most)
-
-
-def _bisected(function: Callable[[Array], Array], values: Array, low: Array, high: Array) -> Array:
-    """Return where an increasing function has values, between `low` and `high` (all any shape)."""
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        short = function(middle) < values
-        low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return high
-
-
-def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None = None) -> sp.Expr:
+def _with_values(drive: Drive, expression: sp.Expr) -> sp.Expr:
     """Return an expression with flat names of signals and the drive's values inserted."""
     flat = flat_names(expression).subs(known_values(drive))
     values = dict(drive.values)
@@ -192,8 +147,6 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
         values["spring_offset"] = 0.0
     values.setdefault("deflection_zero", 0.0)
     check_divisors(drive, values)
-    if needed is not None and "damping" not in needed:
-        values["spring_damping"] = 0.0
     for symbol in sorted(flat.free_symbols & set(PARAMETER_NAMES), key=str):
         name = PARAMETER_NAMES[symbol]
         _check_given(drive, name, values)
@@ -254,12 +207,6 @@ def _real(
         raise RobotError(
             f"extra terms {shown(list(extra_terms))} have no value at {at}: {problem}"
         ) from None
-
-
-def _vectorised(argument: sp.Symbol, expression: sp.Expr) -> Callable[[Array], Array]:
-    plain = sp.lambdify(argument, expression, modules="numpy")
-    # A constant expression gives one number and not an array.
-    return lambda values: np.broadcast_to(plain(values), np.shape(values)).astype(float)
 
 
 STATES = ("theta_M", "theta_M_dot", "theta_M_ddot", "theta_L", "theta_L_dot", "theta_L_ddot")
@@ -382,71 +329,49 @@ def _compiled_slopes(row: tuple[sp.Expr, ...], signals: tuple[str, ...]) -> Comp
 
 
 _SOFTEST = 0.1
-"""A spring is extrapolated linearly where it is softer than this part of its stiffness at zero."""
+"""A spring counts as at least this part of its stiffness at zero, where it is softer."""
 
-_CROSSING = 0.5
-"""Width of the smooth crossing of a dead zone, as deflection of the spring per half width."""
+_CROSSING = 0.6
+"""Rounding of a dead zone per half width, with which its middle has about that stiffness."""
 
-_HALVINGS = 64
+_STRETCHES = 1e-7 * np.sinh(np.linspace(0.0, 30.0, 6001))
+"""Deflections [m or rad] of the table by which a spring is inverted, each 0.5 % larger."""
 
 
 @dataclass(frozen=True, eq=False)
-class NonlinearSpring:
-    """force = preload + k d + k_3 d^3 + k_5 d^5, d = deflection less `zero` less dead zone `gap`.
+class SpringInverse:
+    """The deflection of an undamped spring, from its zero, as a smooth function of its force."""
 
-    Beyond |d| = `end` the force is extrapolated linearly, so that every force has one deflection.
-    """
-
-    coefficients: tuple[float, float, float]
     preload: float
-    zero: float
-    gap: float
-    end: float
+    by_pull: PchipInterpolator
 
     def stretch(self, force: Array) -> tuple[Array, Array]:
-        """Return the deflection from the spring's zero under a force (any shape), and its slope."""
-        pull = np.abs(force - self.preload)
-        # Nowhere is the curve softer than _SOFTEST k: the deflection is below this.
-        most = pull / (_SOFTEST * self.coefficients[0])
-        size = _bisected(lambda d: self._pull(d)[0], pull, np.zeros_like(pull), most)
-        d = np.sign(force - self.preload) * size
-        slope = 1.0 / self._pull(size)[1]
-        if self.gap == 0:
-            return d, slope
-        crossing = np.tanh(d / (_CROSSING * self.gap))  # smooth sign(d), d/dx tanh = 1 - tanh^2
-        return d + self.gap * crossing, slope * (1 + (1 - crossing**2) / _CROSSING)
-
-    def _pull(self, d: Array) -> tuple[Array, Array]:
-        """Return force less preload, and stiffness, at deflections d >= 0."""
-        k, k_3, k_5 = self.coefficients
-        x = np.minimum(d, self.end)
-        stiffness = k + 3 * k_3 * x**2 + 5 * k_5 * x**4
-        return x * (k + k_3 * x**2 + k_5 * x**4) + (d - x) * stiffness, stiffness
+        """Return the deflection under a force (any shape), and its slope."""
+        pull = force - self.preload
+        return self.by_pull(pull), self.by_pull(pull, 1)
 
 
-def nonlinear_spring(joint: str, drive: Drive) -> NonlinearSpring:
-    """Return a drive's undamped spring; raise ExcitationError if it has no linear stiffness."""
-    k, k_3, k_5, preload = (
-        drive.values[PARAMETERS_OF["spring"][term][0]] if term in drive.spring else 0.0
-        for term in ("linear", "cubic", "fifth", "preload")
-    )
-    gap = drive.values["dead_zone"] if {*DEAD_ZONES} & {*drive.spring} else 0.0
-    if k <= 0:
-        raise ExcitationError(
-            f"joint '{joint}': its spring has no linear stiffness, so that the motor motion along "
-            "a plan is undetermined at zero spring force",
-            advice="plan for the base parameters, without parameters and limits of its drive",
-        )
-    # k + 3 k_3 d^2 + 5 k_5 d^4 = _SOFTEST k, quadratic in d^2.
-    squares = np.roots([5 * k_5, 3 * k_3, (1 - _SOFTEST) * k])
-    softest = [float(root.real) for root in squares if root.imag == 0 and root.real > 0]
-    return NonlinearSpring(
-        coefficients=(k, k_3, k_5),
-        preload=preload,
-        zero=drive.values.get("deflection_zero", 0.0) if drive.is_nonlinear_spring else 0.0,
-        gap=gap,
-        end=float(np.sqrt(min(softest))) if softest else np.inf,
-    )
+@cache
+def spring_inverse(drive: Drive) -> SpringInverse:
+    """Return the inverse of the curve of a drive's spring, whose corners are rounded.
+
+    Every force has one deflection: where a spring gives way, it is continued with a tenth of its
+    stiffness. Raises RobotError for a missing value.
+    """
+    values = {"deflection_zero": 0.0} if drive.is_nonlinear_spring else {}
+    if {*DEAD_ZONES} & {*drive.spring} and drive.values.get("dead_zone"):
+        gap = drive.values["dead_zone"]
+        rounding = max(drive.values.get("dead_zone_rounding", 0.0), _CROSSING * gap)
+        terms = tuple("smooth_dead_zone" if x in DEAD_ZONES else x for x in drive.spring)
+        drive = drive.with_terms(spring=terms)
+        values |= {"dead_zone": gap, "dead_zone_rounding": rounding}
+    x = _STRETCHES
+    curve = spring_curve(drive.with_values(values), x)
+    steps = np.maximum(np.diff(curve), _SOFTEST * drive.values.get("stiffness", 0.0) * np.diff(x))
+    pull = np.cumsum(steps)
+    # Without its preload the force is an odd function of the deflection.
+    both = (np.concatenate([-half[::-1], [0.0], half]) for half in (pull, x[1:]))
+    return SpringInverse(float(curve[0]), PchipInterpolator(*both))
 
 
 def friction_curve(joint: str, drive: Drive) -> SmoothColumns:

@@ -6,7 +6,7 @@ e(p) ~ e(p_0) + de/dp (p - p_0), which is a regressor as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -16,24 +16,17 @@ import sympy as sp
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, unit_of
 from seaid.drives.equations import (
+    NAMES_OF,
     PARAMETER_NAMES,
     SIGNALS,
     Dahl,
     DriveEquation,
     known_values,
     symbol_of,
-    t,
 )
 from seaid.drives.terms import ParameterName, parameter_named
 from seaid.errors import RobotError
 from seaid.symbolic import separate
-
-_ARGUMENTS = {
-    signal.diff(t, order): f"{signal.func}{suffix}"
-    for order, suffix in ((2, "_ddot"), (1, "_dot"), (0, ""))
-    for signal in SIGNALS
-}
-"""{signal or derivative: flat name}, highest derivatives first for substitution."""
 
 _SIGN = "theta_M_sign"
 """Sign of the motor speed, or its mean about each sample, if the signals have it."""
@@ -60,7 +53,7 @@ class DriveRegressor:
     @cached_property
     def signals(self) -> set[str]:
         """Names of the signals in the equation."""
-        return _symbols_in(self.zeta, self.row) & set(_ARGUMENTS.values())
+        return _symbols_in(self.zeta, self.row) & set(NAMES_OF.values())
 
     @cached_property
     def known(self) -> dict[str, float]:
@@ -129,7 +122,7 @@ def _derived(
     They do not depend on the values of a drive, so that drives of a kind share them.
     """
     drive_symbols = PARAMETER_NAMES.keys() | set(map(symbol_of, parameter_names))
-    nonlinear = () if _hides_a_parameter(equation, drive_symbols) else non_linear(equation)
+    nonlinear = non_linear(equation)
     has_memory = equation.expression.has(Dahl)
     # Nonlinear unknowns of extra terms are for Algorithm 1: it lumps products, and refuses the
     # rest.
@@ -147,12 +140,6 @@ def _symbols_in(zeta: sp.Expr, row: _Row) -> set[str]:
     """Return the names of the symbols in the entries of a row."""
     by_entry = [flat_names(entry).free_symbols for entry in (zeta, *row)]
     return {str(symbol) for symbols in by_entry for symbol in symbols}
-
-
-def _hides_a_parameter(equation: DriveEquation, drive_symbols: Collection[sp.Symbol]) -> bool:
-    """Whether an extra term has a parameter in a function, whose derivative may be slow."""
-    others = set(equation.unknowns) - set(drive_symbols)
-    return any(others & call.free_symbols for call in equation.expression.atoms(sp.Function))
 
 
 @cache
@@ -187,7 +174,7 @@ def slope_by(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
 @cache
 def of_real(expression: sp.Expr) -> sp.Expr:
     """Return a flat expression of real signals: else sympy derives |x| by real and imaginary x."""
-    real = {sp.Symbol(name): sp.Symbol(name, real=True) for name in _ARGUMENTS.values()}
+    real = {sp.Symbol(name): sp.Symbol(name, real=True) for name in NAMES_OF.values()}
     return flat_names(expression).xreplace(real)
 
 
@@ -198,7 +185,7 @@ def _separated(equation: DriveEquation) -> tuple[sp.Expr, _Row, _Row]:
     form = separate(expression, motion=list(SIGNALS), unknowns=unknowns)
     parameters, row = tuple(form.parameters), tuple(form.regressor)
     factor = _factor(expression, parameters, row)
-    if factor.free_symbols & {sp.Symbol(name) for name in _ARGUMENTS.values()}:
+    if factor.free_symbols & {sp.Symbol(name) for name in NAMES_OF.values()}:
         # the form is divided by a function of the motion, which may be zero: a dead zone
         slopes = tuple(_slope(expression, symbol) for symbol in unknowns)
         return -flat_names(expression).subs(dict.fromkeys(unknowns, 0)), tuple(unknowns), slopes
@@ -294,5 +281,5 @@ def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:
 
 def flat_names(expression: sp.Expr) -> sp.Expr:
     """Return an expression with each signal or derivative as a symbol such as "theta_M_dot"."""
-    flat = {signal: sp.Symbol(name) for signal, name in _ARGUMENTS.items()}
+    flat = {signal: sp.Symbol(name) for signal, name in NAMES_OF.items()}
     return expression.xreplace(flat)

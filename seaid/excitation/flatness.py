@@ -15,12 +15,12 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import PARAMETERS_OF, Drive, total_ratio
 from seaid.drives.functions import (
-    NonlinearSpring,
     SmoothColumns,
+    SpringInverse,
     joint_curve,
     joint_term_parameters,
     missing_value,
-    nonlinear_spring,
+    spring_inverse,
 )
 from seaid.errors import ExcitationError
 from seaid.excitation.criteria import States
@@ -51,7 +51,7 @@ class Transmission:
     compliance: Array
     matrix: Array
     unloaded: Array
-    nonlinear: tuple[tuple[int, float, NonlinearSpring], ...] = ()
+    nonlinear: tuple[tuple[int, float, SpringInverse], ...] = ()
 
     @property
     def is_elastic(self) -> bool:
@@ -89,9 +89,16 @@ def transmission(robot: Robot) -> Transmission:
             # (4b): tau = r_L k deflection
             compliance[index] = 1.0 / (drive.load_radius * drive.values["stiffness"])
         else:
-            spring = nonlinear_spring(joint, drive)
-            unloaded[index] = spring.zero
-            nonlinear.append((index, drive.load_radius, spring))
+            if "linear" not in drive.spring or drive.values["stiffness"] <= 0:
+                raise ExcitationError(
+                    f"joint '{joint}': its spring has no linear stiffness, so that the motor "
+                    "motion along a plan is undetermined at zero spring force",
+                    advice="plan for the base parameters, without parameters and limits of its "
+                    "drive",
+                )
+            if drive.is_nonlinear_spring:
+                unloaded[index] = drive.values.get("deflection_zero", 0.0)
+            nonlinear.append((index, drive.load_radius, spring_inverse(drive)))
     return Transmission(ratio, lever, compliance, robot.transmission, unloaded, tuple(nonlinear))
 
 

@@ -242,14 +242,11 @@ def _spring_force(drive: Drive, x: Array) -> Array:
 
     Hysteresis is that of the second time along x. Raises SeaidError if a value is missing.
     """
-    plain = drive.without_harmonics()
-    if "deflection_zero" in plain.values:
-        plain = replace(plain, nominal={**plain.nominal, "deflection_zero": 0.0})
-    force = spring_curve(plain).force(x)
-    if "dahl" in plain.spring:
+    force = spring_curve(drive, x + drive.values.get("deflection_zero", 0.0))
+    if "dahl" in drive.spring:
         # The state of Dahl's model depends on the past: the first round leads to the loop.
-        z = states(np.tile(x, 2), plain.values["hysteresis_deflection"])[0][len(x) :]
-        force = force + plain.values["hysteresis_force"] * z
+        z = states(np.tile(x, 2), drive.values["hysteresis_deflection"])[0][len(x) :]
+        force = force + drive.values["hysteresis_force"] * z
     return force
 
 

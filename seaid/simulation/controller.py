@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array
-from seaid.drives import COMMANDS, DEAD_ZONES, Controller, spring_curve, unit_of
-from seaid.drives.functions import stretch_of
+from seaid.drives import COMMANDS, DEAD_ZONES, Controller, unit_of
+from seaid.drives.functions import spring_inverse
 from seaid.drives.terms import key_of
 from seaid.errors import RobotError
 from seaid.log import Log
@@ -156,11 +156,12 @@ def _nonlinear_stretch(
 ) -> tuple[Array, float]:
     """Return the deflection (T,), smooth across a dead zone, and the median stiffness."""
     drive = plant.drives[index]
-    curve = spring_curve(drive)
-    stretch = stretch_of(curve, force)
+    stretch, by_force = spring_inverse(drive).stretch(force)
+    if drive.is_nonlinear_spring:
+        stretch = stretch + drive.values.get("deflection_zero", 0.0)
     if {*DEAD_ZONES} & {*drive.spring}:
         stretch = scipy.ndimage.gaussian_filter1d(stretch, _PASSAGE_S * rate_hz, mode="nearest")
-    return stretch, max(float(np.median(curve.slope(stretch))), 0.0)
+    return stretch, float(1 / np.median(by_force))
 
 
 def _least_inertia(plant: Plant, q: Array) -> Array:

@@ -27,7 +27,7 @@ def test_springs_have_the_radii_and_units_of_their_kind(
     """Linear springs have pulleys and N/m, rotary ones radii of one and N m/rad."""
     drive = SeriesElasticDrive(gear_ratio=100.0, **options)
     assert (drive.motor_radius, drive.load_radius) == radii
-    assert (drive.ratio, drive.stiffness, drive.spring_units) == (100.0, 70.0, units)
+    assert (drive.ratio, drive.values["stiffness"], drive.spring_units) == (100.0, 70.0, units)
 
 
 def test_stiff_drive_has_the_face_of_an_elastic_one_but_takes_no_spring() -> None:

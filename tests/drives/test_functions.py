@@ -97,7 +97,7 @@ def test_force_and_torque_of_the_errors() -> None:
     assert force == pytest.approx(300.0 * (motor / 100 - joint + error))
     ripple = functions.friction(motor, 0.0, joint, 0.0, 0.0)
     assert ripple == pytest.approx(0.01 * np.cos(3 * joint))
-    assert spring_curve(drive).force(np.array([0.01]))[0] == pytest.approx(3.0)  # not the spring's
+    assert spring_curve(drive, np.array([0.01]))[0] == pytest.approx(3.0)  # not the spring's
 
 
 @pytest.mark.slow  # 3.4 s
@@ -308,7 +308,7 @@ def test_plans_see_the_loop_of_wide_motions() -> None:
     torques = [curve.torque(w, load, sign_width=0.1)[0] for curve in curves]
     np.testing.assert_allclose(torques[0], torques[1])
     x = np.linspace(-0.1, 0.1, 5)
-    np.testing.assert_allclose(spring_curve(DAHL_SPRING).force(x), 100 * x)
+    np.testing.assert_allclose(spring_curve(DAHL_SPRING, x), 100 * x)
 
 
 def test_the_sharp_dead_zone_is_the_limit_of_the_smooth_one() -> None:
@@ -320,7 +320,7 @@ def test_the_sharp_dead_zone_is_the_limit_of_the_smooth_one() -> None:
     x = np.linspace(-0.1, 0.1, 101)
     for rounding, most in ((1e-2, 5e-3), (1e-3, 5e-4), (0.0, 1e-15)):
         drive = smooth.with_values({"dead_zone": 0.02, "dead_zone_rounding": rounding})
-        error = np.max(np.abs(spring_curve(drive).force(x) - spring_curve(sharp).force(x)))
+        error = np.max(np.abs(spring_curve(drive, x) - spring_curve(sharp, x)))
         assert error <= most
     assert spring_force(sharp) != spring_force(smooth)
 
