@@ -1,7 +1,6 @@
 from .mjcf import WrittenMjcf as WrittenMjcf
 from .mjcf import write_mjcf as write_mjcf
 from .parameters import content_of as content_of
-from .parameters import parameters_content as parameters_content
 from .parameters import read_parameters as read_parameters
 from .parameters import values_of as values_of
 from .parameters import write_parameters as write_parameters

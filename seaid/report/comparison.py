@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import inf, nan, sqrt
-from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
-from scipy.special import chdtrc, stdtr, stdtridf
+from scipy.special import chdtrc, stdtr
 
 from seaid._progress import Display, Result, counted
 from seaid.drives import ParameterName, readable
@@ -17,26 +15,15 @@ from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate
 from seaid.estimation.qr_factor import scaled_svd
 from seaid.identification import Identification
-from seaid.log import Motion
-from seaid.regressor.regression import INPUT_FIELDS
-
-Dependence = Literal["independent", "correlated", "unknown"]
 
 _LEVEL = 0.05
 """Probability that any parameter of two equal robots is called significant (Bonferroni)."""
 
-_COMMON = 0.5
-"""Part of the common instants with exactly equal torques from which two motions are of one log."""
-
-_SENTENCES: dict[Dependence, str] = {
-    "independent": "The estimates are independent: they rest on different logs, so that the "
-    "squares of their standard errors add.",
-    "correlated": "The estimates are correlated, because they have logs in common. The standard "
-    "errors are those of independent estimates, and thus an upper bound for a positive "
-    "correlation: differences can be more significant than stated here.",
-    "unknown": "The estimates are taken as independent: without the motions (of logs read in "
-    "pieces, and in parameters.json) common logs cannot be detected.",
-}
+_ASSUMPTION = (
+    "The standard errors of the differences assume independent estimates. Estimates from logs in "
+    "common are positively correlated: the standard errors are then upper bounds, and differences "
+    "can be more significant than stated here."
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -114,8 +101,6 @@ class Comparison(Result):
         Parameters that only the first, and only the second, has.
     groups : mapping {joint or "load": GroupTest}
         Whether the parameters of a drive, or the base parameters, differ as a whole.
-    dependence : {"independent", "correlated", "unknown"}
-        Whether both have a log in common.
     """
 
     table_name = "comparison_table"
@@ -124,7 +109,6 @@ class Comparison(Result):
     differences: tuple[Difference, ...]
     only: tuple[tuple[str, ...], tuple[str, ...]]
     groups: dict[str, GroupTest]
-    dependence: Dependence
 
     def _in_short(self) -> str:
         return f"{self.names[0]}, {self.names[1]}: {self.sentence.partition('. ')[0]}"
@@ -134,7 +118,7 @@ class Comparison(Result):
         """How many parameters differ, and what the standard errors of the differences assume."""
         significant = sum(difference.is_significant for difference in self.differences)
         total = counted(len(self.differences), "parameter")
-        return f"{significant} of {total} differ significantly. {_SENTENCES[self.dependence]}"
+        return f"{significant} of {total} differ significantly. {_ASSUMPTION}"
 
 
 @checked(IdentificationError)
@@ -166,15 +150,17 @@ def comparison_of(
     ...     print(one.text, one.first, one.second, one.significance)
     """
     old, new = _estimates(first), _estimates(second)
-    message = (
-        f"'{first.robot.name}' and '{second.robot.name}' have no parameter in common: compare "
-        "identifications of one robot, with the same known bodies"
-    )
-    return replace(
-        _compared(old, new, names, message),
-        groups={joint or "load": _group_test(*both) for joint, *both in _pairs(old, new)},
-        dependence=_dependence(first, second),
-    )
+    pairs = list(_pairs(old, new))
+    differences = [x for joint, *both in pairs for x in _differences(joint, *both)]
+    if not differences:
+        raise IdentificationError(
+            f"'{first.robot.name}' and '{second.robot.name}' have no parameter in common: compare "
+            "identifications of one robot, with the same known bodies"
+        )
+    count = len(differences)
+    marked = [replace(x, is_significant=x.p_value * count < _LEVEL) for x in differences]
+    groups = {joint or "load": _group_test(*both) for joint, *both in pairs}
+    return Comparison(names, tuple(marked), (_only(old, new), _only(new, old)), groups)
 
 
 _Estimates = Mapping[str, Estimate]
@@ -183,68 +169,6 @@ _Estimates = Mapping[str, Estimate]
 
 def _estimates(identification: Identification) -> _Estimates:
     return {**identification.drives, "": identification.load}
-
-
-def _compared(old: _Estimates, new: _Estimates, names: tuple[str, str], message: str) -> Comparison:
-    """Return the differences of the parameters that both have; raise the message without any."""
-    pairs = _pairs(old, new)
-    differences = [x for joint, *both in pairs for x in _differences(joint, *both)]
-    if not differences:
-        raise IdentificationError(message)
-    count = len(differences)
-    marked = [replace(x, is_significant=x.p_value * count < _LEVEL) for x in differences]
-    return Comparison(names, tuple(marked), (_only(old, new), _only(new, old)), {}, "unknown")
-
-
-def comparison_of_parameters(
-    first: str | Path, second: str | Path, *, names: tuple[str, str] = ("first", "second")
-) -> Comparison:
-    """Compare the parameters of two files `parameters.json`, which have no covariances.
-
-    So there is no test of a drive or of the base parameters as a whole.
-    """
-    message = f"'{first}' and '{second}' have no parameter in common: compare files of one robot"
-    old, new = (_estimates_of_file(Path(path)) for path in (first, second))
-    return _compared(old, new, names, message)
-
-
-def _estimates_of_file(path: Path) -> _Estimates:
-    """Return the estimates of a file, whose parameters are taken as uncorrelated."""
-    from seaid.export import parameters_content
-
-    content = parameters_content(path)
-    try:
-        drives = {joint: _estimate_of(table) for joint, table in content["drives"].items()}
-        return {**drives, "": _estimate_of({x["expression"]: x for x in content["load"]})}
-    except (AttributeError, KeyError, TypeError, ValueError):
-        raise IdentificationError(
-            f"'{path}': its drives or base parameters are not as seaid identify writes them"
-        ) from None
-
-
-def _estimate_of(parameters: Mapping[str, Mapping[str, Any]]) -> Estimate:
-    """Return the estimate of {name: value, standard_error, interval_95 and unit}."""
-    every = parameters.values()
-    # None, of a number that is not known, becomes NaN.
-    numbers = [(x["value"], x["standard_error"], *x["interval_95"]) for x in every]
-    values, errors, low, high = np.array(numbers, dtype=float).reshape(-1, 4).T
-    # A file has no degrees of freedom, only the interval that was made with them: t, whose
-    # 97.5 % point is its half width over the error, is inverted.
-    half = np.divide(high - low, 2 * errors, where=errors > 0, out=np.full(len(errors), nan))
-    freedom = stdtridf(0.975, half)
-    return Estimate(
-        names=ParameterName.all_of(parameters),
-        values=values,
-        covariance=np.diag(errors**2),
-        units=tuple(str(x["unit"]) for x in every),
-        residual_std=nan,
-        condition_number=nan,
-        degrees_of_freedom=np.where(freedom < _NORMAL, freedom, inf),
-    )
-
-
-_NORMAL = 1e6
-"""Degrees of freedom from which Student's t is taken as the normal distribution."""
 
 
 def _pairs(first: _Estimates, second: _Estimates) -> Iterator[tuple[str, Estimate, Estimate]]:
@@ -305,30 +229,3 @@ def _group_test(old: Estimate, new: Estimate) -> GroupTest:
     chi_square = float(scores @ solved.solve(scores))
     rank = solved.rank()
     return GroupTest(chi_square, rank, float(chdtrc(rank, max(chi_square, 0.0))))
-
-
-def _dependence(first: Identification, second: Identification) -> Dependence:
-    if not (first.motions and second.motions):
-        return "unknown"
-    shared = any(_is_same_log(a, b) for a in first.motions for b in second.motions)
-    return "correlated" if shared else "independent"
-
-
-def _is_same_log(first: Motion, second: Motion) -> bool:
-    """Return whether the unfiltered torques of two motions are equal at their common instants.
-
-    Positions would not do: the same planned motion is recorded cold and warm.
-    """
-    _, i, j = np.intersect1d(first.time, second.time, return_indices=True)
-    if not len(i) or first.joint_names != second.joint_names:
-        return False
-    # Noise makes measured inputs of two runs differ in each sample; zeros of a motor at rest do
-    # not, and are not compared.
-    pairs = [(getattr(first, name), getattr(second, name)) for name in INPUT_FIELDS.values()]
-    pairs.append((first.joint_torque, second.joint_torque))
-    equal = [
-        np.isclose(a[i], b[j], rtol=1e-9, atol=0)[np.isfinite(a[i]) & (a[i] != 0)]
-        for a, b in pairs
-        if a is not None and b is not None
-    ]
-    return bool(np.any([np.mean(part) > _COMMON for part in equal if len(part)]))

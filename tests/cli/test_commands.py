@@ -28,8 +28,7 @@ def results(arm: Path) -> None:
     """Write the runs and the parameters that commands read."""
     for name in ("run", "other"):
         done("identify", *robot_and_drives(arm), arm / f"{name}.csv", "-o", arm / f"{name}.npz")
-        run = seaid.project.load_run(arm / f"{name}.npz")
-        seaid.write_parameters(run.identification, arm / f"{name}.json")
+    seaid.write_parameters(seaid.project.load_run(arm / "run.npz").identification, arm / "run.json")
 
 
 @cache
@@ -46,13 +45,9 @@ def conditions(arm: Path) -> dict[str, Any]:
     return {"conditions": each, "differences": names}
 
 
-def comparison(arm: Path, kind: str) -> dict[str, Any]:
-    files = [arm / f"{name}.{kind}" for name in ("run", "other")]
-    if kind == "npz":
-        runs = (seaid.project.load_run(file).identification for file in files)
-        found = seaid.report.comparison_of(*runs, names=("run", "other"))
-    else:
-        found = seaid.report.comparison_of_parameters(*files, names=("run", "other"))
+def comparison(arm: Path) -> dict[str, Any]:
+    runs = (seaid.project.load_run(arm / f"{name}.npz").identification for name in ("run", "other"))
+    found = seaid.report.comparison_of(*runs, names=("run", "other"))
     keys = ("name", "first", "second_error", "change", "significance", "p_value", "is_significant")
     rows = [{key: getattr(row, key) for key in keys} for row in found.differences]
     groups = {name: {"chi_square": one.chi_square} for name, one in found.groups.items()}
@@ -182,8 +177,7 @@ LINES: dict[str, tuple[str, str, Library]] = {
         folds,
     ),
     "replay": (f"{FROM} --nominal arm.toml", "html", replayed),
-    "compare": ("run.npz other.npz", "html", lambda arm: comparison(arm, "npz")),
-    "compare run.json": ("other.json", "", lambda arm: comparison(arm, "json")),
+    "compare": ("run.npz other.npz", "html", comparison),
     "report": ("arm.urdf --from run.csv --drives arm.toml", "html", lambda _: {"validations": []}),
     "export": (
         "arm.urdf --from run.csv --drives arm.toml",
@@ -367,18 +361,6 @@ def test_a_condition_has_its_own_payload(arm: Path, tmp_path: Path) -> None:
     )
     each = {name: {"load": content_of(one)["load"]} for name, one in own.identifications.items()}
     check_part(json.loads(done(*line, "--json").out)["result"]["conditions"], plain(each))
-
-
-def test_what_cannot_be_compared_is_said(arm: Path, tmp_path: Path) -> None:
-    """Files of parameters with nothing in common, and with entries that are none."""
-    file, other = arm / "run.json", tmp_path / "other.json"
-    for load, words in (
-        ([], "have no parameter in common"),
-        ([{"expression": "m_upper"}], "are not as seaid identify writes them"),
-    ):
-        content = {**json.loads(file.read_text()), "drives": {}, "load": load}
-        other.write_text(json.dumps(content))
-        assert words in refused("compare", file, other)
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ MISTAKES = {
     "view --run nowhere": "no saved run at 'nowhere'",
     "identify arm.urdf . -o {}/o": "'.'",
     "run": "cannot read the project 'seaid.toml'",
-    "compare run_plan.json log.json": "is no file of identified parameters",
+    "compare run_plan.json log.json": "'run_plan.json' is no saved run, or damaged",
     # options before any file is read
     "identify no.urdf no.csv --method twostep": "--method: no method is named 'twostep'; did",
     "identify arm.urdf no.csv -o run.csv/p.json": "cannot write 'run.csv/p.json': Not a directory",
@@ -132,8 +132,6 @@ USAGE = {
     "validate arm.urdf run.csv --from other.csv --parts 3": "--parts: it needs --cross",
     "validate arm.urdf run.csv other.csv --from run.csv": "LOG: give one log, or add --cross",
     "validate arm.urdf run.csv --cross --from other.csv": "--from: --cross identifies from",
-    "compare run_plan.json a.npz": "give two runs, or two files of parameters",
-    "compare run_plan.json run_plan.json -o a.html": "give runs, for a page",
     # options of another kind of base
     "inspect go2 --stance air": "leave --stance out",
     "inspect go2 --base floating --contact FL_foot --plan plan.json": "leave --plan out",

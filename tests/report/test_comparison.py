@@ -26,17 +26,6 @@ def warm() -> Identification:
     return identify(arm().without_nominal(), replace(log, motor_torque=torque))
 
 
-@pytest.mark.slow  # 2.2 s
-def test_a_log_in_common_makes_estimates_correlated() -> None:
-    """The same planned motion recorded twice is not the same log."""
-    log = arm_log()  # that of arm_found
-    again = identify(arm().without_nominal(), log, cutoff_hz=7.0)
-    assert comparison_of(arm_found(), again).dependence == "correlated"
-    assert "upper bound" in comparison_of(arm_found(), again).sentence
-    unkept = replace(again, motions=())
-    assert comparison_of(arm_found(), unkept).dependence == "unknown"
-
-
 def made(values: list[float], errors: list[float], freedom: float) -> Estimate:
     names = tuple(ParameterName(f"m_{k}") for k in range(len(values)))
     return Estimate(
@@ -98,7 +87,7 @@ def test_what_changed_is_significant_and_the_table_says_what_the_errors_assume()
     assert "viscous friction" in line
     assert line.endswith("N m s/rad")
     for words in (
-        "independent: they rest on different logs",
+        "assume independent estimates",
         "drive of shoulder as a whole: chi-square",
     ):
         assert words in text
