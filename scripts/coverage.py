@@ -27,7 +27,6 @@ from seaid._progress import track
 from seaid.excitation import BasisName
 from seaid.log import Motion
 from seaid.report import table
-from seaid.report.figures import save_figure
 from seaid.report.formats import percent
 from seaid.simulation.simulation import measure, simulate_motion
 
@@ -94,7 +93,7 @@ def save_coverage_figure(
     axes[0].set_yticks(places, names, fontsize="x-small")
     axes[0].set_ylim(len(names) - 0.5, -0.5)
     figure.suptitle("Share of experiments whose 95 % interval contains the true value")
-    save_figure(figure, path)
+    figure.savefig(path, dpi=130)
 
 
 def main(output: Path, experiments: int, others: int, jobs: int) -> None:

@@ -11,7 +11,6 @@ from seaid._arrays import Array, frozen
 from seaid.errors import SeaidError
 from seaid.excitation import Trajectory
 from seaid.excitation.limits import JointLimits
-from seaid.report.figures import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -49,7 +48,7 @@ def save_excitation_figure(
         for values, when, style in given
         if values is not None
     ]
-    save_figure(_figure(trajectory, limits, spectra), path)
+    _figure(trajectory, limits, spectra).savefig(path, dpi=130)
 
 
 def _spectrum(name: str, values: Array) -> Array:

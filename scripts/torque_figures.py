@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from seaid._arrays import Array
 from seaid.errors import SeaidError
 from seaid.identification import Fit, Validation
-from seaid.report.figures import save_figure
 
 _MEASURED: dict[str, Any] = {"color": "0.62", "linewidth": 2.4, "label": "measured"}
 _COMPUTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "label": "computed"}
@@ -40,9 +39,8 @@ def save_actuator_figure(
     best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
     shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
     title = f"Actuator side: motor torque of {motion}"
-    save_figure(
-        _torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m", raw), path
-    )
+    figure = _torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m", raw)
+    figure.savefig(path, dpi=130)
 
 
 def save_load_figure(
@@ -51,7 +49,7 @@ def save_load_figure(
     """Draw the load torques, as Fig. 4 of the paper; `motion` and `raw` as of the actuator side."""
     shown = [(int(index), "") for index in np.flatnonzero(np.isfinite(result.load.relative_error))]
     title = f"Load side: torque on the load in {motion}"
-    save_figure(_torques(result, result.load, shown, title, 1.0, "N m", raw), path)
+    _torques(result, result.load, shown, title, 1.0, "N m", raw).savefig(path, dpi=130)
 
 
 def _torques(

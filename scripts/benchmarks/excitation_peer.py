@@ -29,7 +29,6 @@ from seaid.excitation.criteria import pivoted_base
 from seaid.excitation.limits import joint_limits
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.report import table
-from seaid.report.figures import save_figure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -268,7 +267,7 @@ def save_plot(traces: list[Trace], path: Path) -> None:
     axes.xaxis.set_major_formatter("{x:g}")
     axes.grid(color="0.9", which="both")
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    save_figure(figure, path)
+    figure.savefig(path, dpi=130)
 
 
 def row(trace: Trace) -> list[str]:

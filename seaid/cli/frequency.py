@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import seaid
-from seaid.cli.kinds import Band, Figure, JointNames, JsonFile, LogFile, RunFile
-from seaid.cli.messages import written
-from seaid.cli.options import FailOptions, IdentifyOptions, ResultOptions, check_joints
+from seaid.cli.kinds import Band, JointNames, JsonFile, LogFile, RunFile
+from seaid.cli.options import FailOptions, IdentifyOptions, JsonOptions, check_joints
 
 
 def frequency(
@@ -19,14 +18,14 @@ def frequency(
     period_s: float | None = None,
     band: Band | None = None,
     of: JointNames | None = None,
-    figure: Figure | None = None,
     fail: FailOptions,
-    result: ResultOptions,
+    result: JsonOptions,
 ) -> None:
     """Measure frequency responses of joints: resonance, damping and springs.
 
     Motor torques and motor angles suffice. Periodic logs, by excite --basis multisine, show what is
-    noise and what is nonlinear. With --run the response of that identification is compared.
+    noise and what is nonlinear. With --run the response of that identification is compared;
+    report --multisine draws it.
 
     Parameters
     ----------
@@ -38,15 +37,12 @@ def frequency(
         Lowest, highest frequency [Hz], as 0.5,20.
     of
         Joints that take part, as a,b,c; default: those that move.
-    figure
-        Draw measured and computed responses.
 
     Examples
     --------
-    seaid frequency leg.urdf run.csv --drives leg.toml --plan plan.json --figure response.png
+    seaid frequency leg.urdf run.csv --drives leg.toml --plan plan.json
     seaid frequency leg.urdf run.csv --drives leg.toml --of knee_pitch --band 0.5,15
     """
-    result.check(figure, read=(*options.files, *logs, plan))
     saved = options.saved(run, "logs")
     robot = options.robot() if saved is None else saved.identification.known
     check_joints("--of", of, robot)
@@ -59,9 +55,8 @@ def frequency(
         joints=of,
         identification=None if saved is None else saved.identification,
     )
-    written(figure, ".png", lambda file: seaid.report.save_frequency_figure(response, file))
     facts = {"robot": robot.name, "warnings": response.warnings}
-    result.show(response.summary(), _facts(response), figure, **facts)
+    result.show(response.summary(), _facts(response), **facts)
     fail.check(response.warnings)
 
 

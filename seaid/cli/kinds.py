@@ -243,7 +243,6 @@ Folder = Annotated[Path, Kind("FOLDER")]
 
 Page = Annotated[Path, _write("HTML", ".html", ".htm")]
 Plan = Annotated[Path, _write("JSON", ".json")]
-Figure = Annotated[Path, _write("PNG", ".png")]
 WrittenLog = Annotated[Path, _write("LOG", ".csv", ".npz")]
 
 Names = Annotated[list[str], Kind("", names_of)]

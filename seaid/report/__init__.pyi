@@ -2,7 +2,6 @@ from . import text as text
 from .comparison import Comparison as Comparison
 from .comparison import Difference as Difference
 from .comparison import comparison_of as comparison_of
-from .figures import save_frequency_figure as save_frequency_figure
 from .html import write_calibration as write_calibration
 from .html import write_comparison as write_comparison
 from .html import write_report as write_report

@@ -2,8 +2,7 @@
 
 A sample of the friction is what the motor equation (7) leaves when inertia and spring are taken
 away as identified; a sample of the spring force is what remains without inertia and friction. All
-are below the cutoff, without standstill. A page has them as SVG; the frequency response is a PNG
-file too.
+are below the cutoff, without standstill.
 """
 
 from __future__ import annotations
@@ -11,14 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from io import BytesIO
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._files import write_whole
 from seaid.drives import PARAMETERS, PARAMETERS_OF, Drive, friction_curve, spring_curve
 from seaid.drives.drives import deflection
 from seaid.drives.equations import states
@@ -30,9 +26,6 @@ from seaid.regressor.regression import actuator_columns, signals, under_load
 from seaid.report.html_charts import Axis, Figure, Layer, Panel
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as DrawnFigure
-
     from seaid.frequency import FrequencyResponse
     from seaid.identification import Identification
     from seaid.robot import Robot
@@ -328,59 +321,3 @@ def _degrees(response: Array) -> Array:
     # noise about -180 does not jump.
     phase = (np.degrees(np.angle(response)) + 225.0) % 360.0 - 225.0
     return np.where(np.abs(np.diff(phase, prepend=phase[0])) > 180.0, np.nan, phase)
-
-
-def save_figure(figure: DrawnFigure, path: str | Path) -> None:
-    """Write a figure as PNG. Raises SeaidError for another suffix and if it cannot be written."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    if Path(path).suffix.lower() != ".png":
-        raise SeaidError(f"a figure is a PNG image: '{path}' must end in .png")
-    FigureCanvasAgg(figure)
-    content = BytesIO()
-    figure.savefig(content, format="png", dpi=130)
-    write_whole(path, content.getvalue())
-
-
-_DRAWN: dict[str, tuple[str, dict[str, Any]]] = {
-    "sample": ("measured", {"color": "0.45", "marker": "o", "markersize": 3, "linestyle": "none"}),
-    "threshold": ("deviation by noise", {"color": "0.6", "linewidth": 0.9, "linestyle": ":"}),
-    "nominal": ("deviation in total", {"color": "0.6", "linewidth": 0.9, "linestyle": "-."}),
-    "identified": ("fit", {"color": "black", "linewidth": 1.1}),
-    "computed": ("identification", {"color": "C1", "linewidth": 1.1, "linestyle": "--"}),
-    "sample up": ("resonance", {"color": "tab:red", "linewidth": 0.8, "linestyle": "--"}),
-    "sample down": ("antiresonance", {"color": "tab:blue", "linewidth": 0.8, "linestyle": "--"}),
-}
-"""{name of a layer: its label and its style in a PNG}; a page has the style in report.css."""
-
-
-def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
-    """Draw the response of each motor angle to its own torque, with its model and its noise."""
-    from matplotlib.figure import Figure as DrawnFigure
-
-    count = len(found.joints)
-    figure = DrawnFigure(figsize=(1.0 + 3.6 * count, 5.4), layout="constrained")
-    figure.suptitle("Motor angle per motor torque, measured and computed", fontsize=11)
-    axes = figure.subplots(2, count, sharex=True, squeeze=False)
-    for place, joint in enumerate(found.joints):
-        for axis, panel in zip(axes[:, place], _response_figures(found, place), strict=True):
-            _draw(axis, panel)
-        axes[0, place].set_title(joint, fontsize=9, loc="left")
-        axes[1, place].set_xlabel("frequency [Hz]")
-    axes[0, 0].set_ylabel("rad/(N m)")
-    axes[1, 0].set_ylabel("phase [°]")
-    handles = {line.get_label(): line for axis in axes[0] for line in axis.get_lines()}
-    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=4, fontsize=8)
-    save_figure(figure, path)
-
-
-def _draw(axis: Axes, figure: Figure) -> None:
-    """Draw the layers of a figure of a page with Matplotlib."""
-    for layer in figure.layers:
-        label, style = _DRAWN[layer.name]
-        if np.any(np.isfinite(layer.y)):
-            axis.plot(layer.x, layer.y, label=label, **style)
-    x, y = figure.x, figure.y
-    axis.set(xscale="log", xlim=(x.low, x.high), ylim=(y.low, y.high))
-    axis.set_yscale("log" if y.is_log else "linear")
-    axis.grid(color="0.9")
