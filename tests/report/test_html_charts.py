@@ -58,7 +58,7 @@ def test_posture_is_that_of_the_robot_in_the_middle_of_its_motion() -> None:
     model = arm().model
     place, frames = pin.SE3.Identity(), {}
     for number, index in enumerate(arm().model_order, 1):  # a chain
-        axis = posture.turns[index].T @ posture.axes[index]
+        axis = pin.SE3(place * model.jointPlacements[number]).rotation.T @ posture.axes[index]
         shift = middle[index] * axis
         move = (
             pin.SE3(np.eye(3), shift)
@@ -69,7 +69,10 @@ def test_posture_is_that_of_the_robot_in_the_middle_of_its_motion() -> None:
         frames[index] = place
     for index, frame in frames.items():
         np.testing.assert_allclose(posture.origins[index], frame.translation, atol=1e-12)
-        np.testing.assert_allclose(posture.turns[index], frame.rotation, atol=1e-12)
+    last = arm().model_order[-1]
+    mass, *moments = arm_found().robot.parameters[10 * last : 10 * last + 4]
+    end = frames[last].act(1.6 * np.array(moments) / mass)
+    np.testing.assert_allclose(posture.links[-1], [frames[last].translation, end], atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(posture.axes, axis=1), 1.0)
     assert posture.up.tolist() == [0.0, 0.0, 1.0]
 
