@@ -310,8 +310,8 @@ Where = Literal["both", "text", "page"]
 class Column:
     """A column: its head as in a terminal, and the `kind` of its values, of FORMATS.
 
-    A page begins the head with a capital, but for a name that the user gave, `is_name`. A terminal
-    omits an optional column that has a value in no row.
+    A page begins the head with a capital, but for a name that the user gave, `is_name`. An optional
+    column that has a value in no row is left out.
     """
 
     head: str
@@ -359,31 +359,33 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[tuple[Any, ...], ...]
 
+    def _columns_in(self, excluded: Where) -> list[tuple[Column, list[Any]]]:
+        """The columns with their values, without those that are shown in `excluded` alone."""
+        every = [(column, [row[k] for row in self.rows]) for k, column in enumerate(self.columns)]
+        return [
+            (column, values)
+            for column, values in every
+            if column.where != excluded
+            and not (column.is_optional and {*map(column.text, values)} <= {"-", ""})
+        ]
+
     @property
     def texts(self) -> tuple[list[str], list[list[str]]]:
         """The heads and the rows for a terminal, where units stand in the last column."""
-        shown = [
-            (column, [column.text(row[place]) for row in self.rows])
-            for place, column in enumerate(self.columns)
-            if column.where != "page"
-        ]
-        kept = [(c, x) for c, x in shown if not (c.is_optional and set(x) <= {"-", ""})]
-        kept.sort(key=lambda pair: pair[0].is_unit)
-        rows = [list(row) for row in zip(*(texts for _, texts in kept), strict=True)]
-        return [column.head for column, _ in kept], rows
+        kept = sorted(self._columns_in("page"), key=lambda pair: pair[0].is_unit)
+        rows = zip(*(map(column.text, values) for column, values in kept), strict=True)
+        return [column.head for column, _ in kept], [list(row) for row in rows]
 
     @property
     def on_page(self) -> tuple[Column, ...]:
         """The columns of a page."""
-        return tuple(column for column in self.columns if column.where != "text")
+        return tuple(column for column, _ in self._columns_in("text"))
 
     @property
     def cells(self) -> list[list[Cell]]:
         """The rows of a page."""
-        return [
-            [c.cell(x) for c, x in zip(self.columns, row, strict=True) if c.where != "text"]
-            for row in self.rows
-        ]
+        kept = self._columns_in("text")
+        return [list(row) for row in zip(*(map(c.cell, values) for c, values in kept), strict=True)]
 
 
 def table_of(

@@ -32,6 +32,7 @@ from seaid.robot import BASE_ROWS
 from seaid.robot.inertia import principal_moments
 
 if TYPE_CHECKING:
+    from seaid.checks import JointCheck
     from seaid.estimation import Estimate
     from seaid.frequency import FrequencyResponse
     from seaid.identification import Fit, Identification, StaticCalibration
@@ -144,6 +145,29 @@ def whole_body_table(identification: Identification) -> Table:
     caption = "The whole robot, in the frame of its base at the mean posture of the logs."
     columns = {"quantity": "words", "identified": "value", "std. error": "error", "unit": "unit"}
     return table_of("whole", caption, columns, rows)
+
+
+def setup_table(joints: Mapping[str, JointCheck]) -> Table:
+    """Return the numbers on which a check of the set-up rests, by joint."""
+    rows = [
+        (
+            *(joint, setup.swing, setup.encoder_slope, setup.nominal, setup.bodies, setup.motor),
+            Measured(setup.gear_ratio, setup.gear_ratio_error),
+            Measured(1e3 * setup.delay_s, 1e3 * setup.delay_error_s),
+        )
+        for joint, setup in joints.items()
+    ]
+    columns = (
+        *(_JOINT, Column("swing"), Column("encoder slope")),
+        *(Column(x, "share") for x in ("error by file", "by any bodies", "motor equation")),
+        Column("gear ratio", "value and error", is_optional=True),
+        Column("torque delay [ms]", "value and error", is_optional=True),
+    )
+    caption = (
+        "What the set-up as given leaves of the torques, with the bodies of the robot file, with "
+        "any bodies, and in the motor equation; gear ratio and delay of the torque by the logs."
+    )
+    return table_of("set-up", caption, columns, rows)
 
 
 _FORCES = (

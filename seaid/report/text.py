@@ -350,25 +350,12 @@ def _residual_text(result: Identification) -> list[Text]:
 
 def setup_table(found: SetupCheck) -> Text:
     """Return the numbers of a check of the set-up, and its warnings."""
-    rows = [
-        (
-            *(joint, setup.swing, setup.encoder_slope, setup.nominal, setup.bodies, setup.motor),
-            Measured(setup.gear_ratio, setup.gear_ratio_error),
-            Measured(1e3 * setup.delay_s, 1e3 * setup.delay_error_s),
-        )
-        for joint, setup in found.joints.items()
-    ]
-    columns = (
-        *(Column("joint", "words"), Column("swing"), Column("encoder slope")),
-        *(Column(x, "share") for x in ("error by file", "by any bodies", "motor equation")),
-        Column("gear ratio", "value and error", is_optional=True),
-        Column("torque delay [ms]", "value and error", is_optional=True),
-    )
-    made = _listed("Torques that the set-up as given leaves unexplained", columns, rows)
+    made = tables.setup_table(found.joints)
     nothing = [] if found.warnings else ["nothing contradicts the set-up"]
-    if rows and not np.any(np.isfinite([row[2:6] for row in rows])):
+    if made.rows and not np.any(np.isfinite([row[2:6] for row in made.rows])):
         nothing = [*nothing, "no torque in N m and no second encoder of a joint was compared"]
-    return joined([*([made] if rows else []), *warning_lines(found.warnings), *nothing])
+    title = "Torques that the set-up as given leaves unexplained"
+    return joined([*_table_if_any(made, title), *warning_lines(found.warnings), *nothing])
 
 
 def _processing_text(identification: Identification) -> list[str]:

@@ -28,7 +28,7 @@ from seaid.report.figures import actuator_figures
 from seaid.report.formats import share
 from seaid.report.html import runs_of
 from seaid.report.html_charts import Axis, traces_figure
-from seaid.report.html_experiment import excitation_table, known_drives, setup_table
+from seaid.report.html_experiment import known_drives
 from seaid.report.html_traces import Run, axis_time
 from seaid.report.html_verdict import (
     NO_BODIES,
@@ -112,7 +112,6 @@ def unpacked(trace: dict[str, Any]) -> Array:
 def expected_words() -> list[str]:
     """Return what a page has to say, in the words of the result."""
     found, result = arm_found(), arm_result()
-    position = found.motions[0].joint_position[:, 0]
     drives = [name.replace("_", " ") for one in found.drives.values() for name in one.names]
     counted = [f"{share(one)} of samples" for one in result.actuator.counted_share[1:3]]
     return [
@@ -120,7 +119,6 @@ def expected_words() -> list[str]:
         *(*found.drives, *drives, *found.load.names, "gear_ratio_rad_per_m"),
         *("6001 in 6 s (1000 Hz)", "Torques used on the load side all 4 joints"),
         *(str(found.processing[0].cutoff_selection), "who <me> & you"),
-        f"{position.min():.3g} … {position.max():.3g} m".replace("-", "−"),
     ]
 
 
@@ -150,25 +148,6 @@ def test_first_screen_says_how_well_the_unseen_motion_is_predicted() -> None:
     (largest,) = re.findall(r"worst ([\d.]+)\N{NO-BREAK SPACE}%", worst)
     numbers = [float(text) / 100 for text in (median.split("\N{NO-BREAK SPACE}")[0], largest)]
     assert numbers == pytest.approx([np.median(errors), np.max(errors)], rel=0.051)
-
-
-def test_delays_and_gear_ratios_stand_next_to_what_was_given() -> None:
-    joints = dict(arm_found().setup)
-    joints["wrist"] = replace(
-        joints["wrist"], gear_ratio=49.9, gear_ratio_error=0.01, delay_s=0.004, delay_error_s=5e-4
-    )
-    found = replace(arm_found(), setup=joints)
-    rows = {tuple(cell.text for cell in row[:2]): row[2:] for row in setup_table(found).cells}
-    telescope = [cell.text for cell in rows["telescope", "gear ratio"]]
-    low, high = map(float, telescope[1].split(" … "))
-    assert low < 20 < high
-    assert telescope[2] == "20"
-    assert [cell.text for cell in rows["wrist", "gear ratio"]] == [
-        *("49.900", "49.880 … 49.920", "50", "", "−10")
-    ]
-    assert [cell.text for cell in rows["wrist", "delay of motor torque"]] == [
-        *("4.00", "3.02 … 4.98", "0", "ms", "8")
-    ]
 
 
 def test_page_is_whole_html_that_fetches_nothing(page: Page) -> None:
@@ -474,21 +453,6 @@ def test_the_strongest_correlations_are_those_of_the_estimates() -> None:
     assert all(first == second or not (first and second) for first, second in joints)
 
 
-def test_the_motion_stands_next_to_its_limits() -> None:
-    """Shares of the range, the speed and the torque; a joint without a limit has none."""
-    robot = arm_found().known
-    columns = excitation_table(arm_found()).columns
-    heads = [column.head for column in columns]
-    (motion,) = arm_found().motions
-    speed = np.max(np.abs(motion.joint_velocity[:, 0]))
-    row = dict(zip(heads[:4], excitation_table(arm_found()).rows[0], strict=False))
-    assert row["largest speed"] == f"{speed:.3g} m/s"
-    limited = replace(robot, velocity_limits=np.array([2 * speed, np.inf, 0.0, 1.0]))
-    shares = [r[4] for r in excitation_table(replace(arm_found(), known=limited)).rows]
-    assert shares[0] == pytest.approx(0.5)
-    assert np.all(np.isnan(shares[1:3]))
-
-
 def test_known_values_are_a_drives_file(tmp_path: Path) -> None:
     path = tmp_path / "drives.toml"
     path.write_text(known_drives(arm_found()))
@@ -506,7 +470,6 @@ def test_pages_of_little_are_whole_pages_too(tmp_path: Path) -> None:
     page = page_of(tmp_path, found, [])
     assert "traces-data" not in page.scripts
     assert "logs read in pieces are not kept in memory" in page.words
-    assert "The ranges of logs read in pieces are not kept" in page.words
     found, result = made_up(tmp_path, ("a", "b"))
     nothing = replace(result, load=result.actuator)
     page = page_of(tmp_path, found, [nothing])
