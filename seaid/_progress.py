@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields
+from html import escape
 from typing import Any, ClassVar, TypeVar
 
 from seaid.errors import in_one_line, listed, shortened
@@ -65,13 +66,13 @@ class Display:
         text = shortened(self._in_short(), _LONGEST_LINE)
         return f"{type(self).__name__}({text})"
 
-    def _table(self) -> Any:
+    def _table(self) -> str:
         from seaid import report
 
-        return getattr(report.text, self.table_name)(self)
+        return str(getattr(report.text, self.table_name)(self))
 
     def _repr_html_(self) -> str:
-        return str(self._table().html)
+        return f"<pre>{escape(self._table())}</pre>"
 
 
 class Result(Display):
@@ -79,7 +80,7 @@ class Result(Display):
 
     def summary(self) -> str:
         """Return the result as text that a human reads."""
-        return str(self._table())
+        return self._table()
 
     def __str__(self) -> str:
         return self.summary()

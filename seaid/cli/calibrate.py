@@ -7,9 +7,8 @@ from typing import Literal
 import typer
 
 import seaid
-from seaid.cli.kinds import Page, TableFile, TomlFile, UrdfFile
-from seaid.cli.messages import written
-from seaid.cli.options import ResultOptions
+from seaid.cli.kinds import TableFile, TomlFile, UrdfFile
+from seaid.cli.options import JsonOptions
 from seaid.cli.project import is_typed
 
 
@@ -21,8 +20,7 @@ def calibrate(
     drives: TomlFile | None = None,
     joint: str | None = None,
     sensor: Literal["spring", "torque"] = "spring",
-    output: Page | None = None,
-    result: ResultOptions,
+    result: JsonOptions,
 ) -> None:
     """Calibrate a spring or a torque sensor by dead weights, ramps or held poses.
 
@@ -45,18 +43,15 @@ def calibrate(
         Joint that is calibrated by a log.
     sensor
         What a log has of it: spring, or torque sensor.
-    output
-        A page with the law.
 
     Examples
     --------
-    seaid calibrate weights.csv -o weights.html
+    seaid calibrate weights.csv
     seaid calibrate poses.csv --urdf leg.urdf --drives leg.toml --joint knee_pitch
     """
     is_half = is_typed("urdf") if joint is None else urdf is None
     if is_half:
         raise typer.BadParameter("a log needs both", param_hint="--urdf, --joint")
-    result.check(output, read=(table, *((urdf, drives) if joint is not None else ())))
     if urdf is None or joint is None:
         statics = seaid.identification.read_statics(table)
     else:
@@ -64,8 +59,6 @@ def calibrate(
         log = seaid.read_log(table, robot)
         statics = seaid.identification.held_poses(robot, log, joint, sensor=sensor)
     fit = seaid.identification.calibrate_statics(statics, law=law)
-    name = joint or table.stem
-    written(output, ".html", lambda file: seaid.report.write_calibration(fit, file, name=name))
     content = {
         "law": fit.law,
         "parameters": seaid.export.values_of(fit.estimate),
@@ -74,4 +67,4 @@ def calibrate(
         "hysteresis": fit.hysteresis,
         "warnings": fit.warnings,
     }
-    result.show(fit.summary(), content, output, robot=joint)
+    result.show(fit.summary(), content, robot=joint)

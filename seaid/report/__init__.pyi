@@ -2,7 +2,6 @@ from . import text as text
 from .comparison import Comparison as Comparison
 from .comparison import Difference as Difference
 from .comparison import comparison_of as comparison_of
-from .html import write_calibration as write_calibration
 from .html import write_comparison as write_comparison
 from .html import write_report as write_report
 from .text import condition_lines as condition_lines

@@ -278,14 +278,12 @@ FORMATS = {
     "two digits": Format(lambda x: number(x, 2), lambda x: short(x, 2)),
     "three digits": Format(lambda x: number(x, 3), short),
     "share": Format(percent, share),
-    "share with bar": Format(percent, _with_bar),
     "change": Format(percent, signed_share),
     "probability": Format(lambda x: number(x, 2), probability),
     "factor": Format(lambda x: f"x {x:.3g}", lambda x: f"× {x:.4g}"),
     "significance": Format(lambda x: f"{x.value:+.1f}", _diverging),
     # Parts of a measured value.
     "nominal": Format(lambda x: number(x.nominal), lambda x: four_digits(x.nominal)),
-    "given": Format(lambda x: number(x.nominal, 7), lambda x: short(x.nominal, 7)),
     "value": Format(lambda x: number(x.value), lambda x: Cell(x.text("value"), x.value)),
     "error": Format(lambda x: number(x.error), lambda x: Cell(x.text("error"), x.error)),
     "interval": Format(

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import gzip
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,14 +12,13 @@ from seaid._files import write_whole
 from seaid._progress import counted
 from seaid.checks import CODES
 from seaid.errors import SeaidError, checked
-from seaid.export import content_of
 from seaid.frequency import FrequencyResponse
-from seaid.identification import Identification, StaticCalibration, Validation
+from seaid.identification import Identification, Validation
 from seaid.identification.validation import compared
 from seaid.report import figures, formats, html_experiment, tables
 from seaid.report.comparison import Difference, comparison_of
 from seaid.report.formats import probability, rendered, share, short
-from seaid.report.html_charts import Axis, Figure, Layer, traces_figure
+from seaid.report.html_charts import Axis, Figure, traces_figure
 from seaid.report.html_robot import Label, Posture, posture_of, robot_picture
 from seaid.report.html_traces import Run, traces_of
 from seaid.report.html_verdict import (
@@ -38,9 +34,6 @@ from seaid.robot import Robot
 from seaid.simulation import ReplayComparison
 
 Fact = str | int | float
-
-_LARGEST_GROUPING = 300_000
-"""Coefficients of the groupings up to which a page contains parameters.json."""
 
 
 @checked(SeaidError)
@@ -114,10 +107,9 @@ def write_report(
         **{"tables": tables, "figures": figures},
         **{"experiment": html_experiment, "codes": CODES},
         "base": tables.load_table(identification.load, values.bodies),
-        "facts": _checked_facts(facts or {}),
+        "facts": dict(facts or {}).items(),
         **_motions(identification, runs, values, posture, moved, tuple(notes)),
         "replays": [_replay(identification, replay) for replay in moved],
-        "parameters": _packed_parameters(identification, results),
     }
     write_whole(path, rendered("report.html.j2", robot=identification.robot.name, **content))
 
@@ -172,52 +164,6 @@ def write_comparison(
         numbers=list(zip(names, map(_identified_from, (first, second)), strict=True)),
     )
     write_whole(path, page)
-
-
-@checked(SeaidError)
-def write_calibration(found: StaticCalibration, path: str | Path, *, name: str = "joint") -> None:
-    """Write a calibration from statics as one HTML page.
-
-    Parameters
-    ----------
-    found : StaticCalibration
-    path : path
-        The file to write, ending in .html.
-    name : str
-        What was calibrated, in the title.
-
-    Raises
-    ------
-    SeaidError
-        For another suffix, and if the file cannot be written.
-
-    Examples
-    --------
-    >>> loads = np.linspace(-14.7, 14.7, 18)
-    >>> statics = seaid.identification.Statics(loads, loads / 159.8)
-    >>> found = seaid.identification.calibrate_statics(statics)
-    >>> seaid.report.write_calibration(found, "weights.html", name="knee")
-    """
-    path = _page_path(path)
-    statics = found.statics
-    reading, load, direction = statics.reading, statics.load, np.asarray(statics.direction)
-    residual, ways = load - found.load_at(reading), {"up": direction >= 0, "down": direction < 0}
-    x = np.linspace(float(reading.min()), float(reading.max()), 161)
-    samples = [Layer(reading[of], load[of], f"sample {way}") for way, of in ways.items()]
-    curves = [*samples, Layer(x, found.load_at(x), "identified", "line")]
-    residuals = [Layer(load[of], residual[of], f"sample {way}") for way, of in ways.items()]
-    axes = Axis("reading", statics.reading_unit), Axis("load", statics.load_unit)
-    law = Figure(f"Load over reading of {name}", curves, *axes, "Load over reading")
-    rest = Figure(
-        f"What the law of {name} leaves over the load",
-        residuals,
-        axes[1],
-        Axis("load less law", statics.load_unit),
-        "Load less law, over the load: a curve is a law that is missing, a gap between the colours "
-        "is hysteresis",
-    )
-    content = {"found": found, "figures": (law, rest), "table": tables.calibration_table(found)}
-    write_whole(path, rendered("calibration.html.j2", robot=name, **content))
 
 
 def _difference_labels(robot: Robot, differences: Sequence[Difference]) -> dict[str, Label]:
@@ -286,22 +232,10 @@ def _checked(
     every = [results] if isinstance(results, Validation) else list(results)
     joints = identification.robot.joint_names
     for validation in every:
-        if not isinstance(validation, Validation):
-            kind = type(validation).__name__
-            raise SeaidError(f"validations= must be Validations, found {kind}")
         if validation.joints != joints:
             remedy = "a validation of the identification of the report"
             raise _other_joints("validations=", validation.joints, joints, remedy)
     return every
-
-
-def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
-    for name, value in facts.items():
-        if not isinstance(name, str) or not isinstance(value, str | int | float | np.number):
-            raise SeaidError(
-                f"facts= must be {{name: text or number}}, found {name!r}: {type(value).__name__}"
-            )
-    return [(name, str(value)) for name, value in facts.items()]
 
 
 def _motions(
@@ -407,13 +341,3 @@ def _bars(pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
     rows.sort(key=lambda row: -row.relative_error)
     errors = [x for row in rows for x in (row.before, row.relative_error) if np.isfinite(x)]
     return {"rows": rows, "full": min(max(errors, default=1.0), 1.0) or 1.0}
-
-
-def _packed_parameters(identification: Identification, results: Sequence[Validation]) -> str:
-    """Return parameters.json, compressed, as base64; empty if its groupings are too large."""
-    if identification.base.grouping.size > _LARGEST_GROUPING:
-        return ""
-    content = content_of(identification, results[0] if results else None)
-    text = json.dumps(content, indent=2, allow_nan=False)
-    # Without the time of writing, so that equal results are equal pages.
-    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")

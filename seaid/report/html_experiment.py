@@ -8,15 +8,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
-from itertools import compress
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table, readable
 from seaid.errors import listed
-from seaid.log import Motion, has_holes, row_samples
-from seaid.report.formats import seconds
+from seaid.log import has_holes
 from seaid.report.text import exact_text, method_text
 from seaid.robot import Robot
 
@@ -24,15 +20,6 @@ if TYPE_CHECKING:
     from seaid.identification import Identification
 
 _PACKAGES = ("numpy", "scipy", "pin", "sympy")
-
-_SENSORS = {
-    "motor_torque": "motor torque",
-    "joint_torque": "torque at the joint",
-    "motor_current": "motor current",
-    "motor_voltage": "motor voltage",
-    "deflection": "deflection of the spring",
-    "motor_temperature": "temperature of the motor",
-}
 
 
 @dataclass(frozen=True)
@@ -51,25 +38,11 @@ def log_facts(result: Identification) -> list[LogFacts]:
     logs = []
     for place, processing in enumerate(result.processing):
         motion = result.motions[place] if len(result.motions) == len(result.processing) else None
-        facts = [*_measured(result.known, motion), ("Processing", str(processing))]
+        samples = "read in pieces; not kept" if motion is None else repr(motion)
+        facts = [("Samples", samples), ("Processing", str(processing))]
         name = f"{kind} {place + 1}" if several else "The log"
         logs.append(LogFacts(name, tuple(facts), tuple(str(r) for r in processing.repairs)))
     return logs
-
-
-def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
-    if motion is None:
-        yield "Samples", "read in pieces; the following describes the first one"
-        return
-    length = float(motion.time[-1] - motion.time[0])
-    yield "Samples", f"{len(motion.time)} in {seconds(length)} ({motion.rate_hz:.4g} Hz)"
-    yield "Rows per joint", f"{len(row_samples(motion))} after decimation to the cutoff"
-    for field, name in _SENSORS.items():
-        values = getattr(motion, field)
-        if values is not None:
-            logged = np.all(np.isfinite(values), axis=0)
-            if np.any(logged):
-                yield name.capitalize(), _listed(list(compress(robot.joint_names, logged)), robot)
 
 
 def _listed(joints: Sequence[str], robot: Robot) -> str:

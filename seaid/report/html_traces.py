@@ -1,4 +1,4 @@
-"""Traces of a page: measured, computed and residual, thinned and packed, spectra, autocorrelation.
+"""Traces of a page: measured, computed and residual, thinned and packed, and spectra.
 
 Low-pass filtered traces are decimated without visible loss. If the page has no room for all joints,
 the smallest and largest sample of every interval are kept instead, which preserves peaks.
@@ -38,9 +38,6 @@ _MOST_TRACES = 1300
 
 _FEWEST, _LINES, _FEW_LINES, _MANY = 120, 220, 100, 80
 _HIGHEST, _DEEPEST = 8.0, 1e-9
-_LAGS, _LONGEST_LAG = 60, 4.0
-"""Lags of an autocorrelation, and the longest in periods of the cutoff."""
-
 _MISSING = -32768
 
 
@@ -140,7 +137,6 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
     # Two samples of each bin are kept: its width is ceil(2 count / room) samples, 0 without bins.
     width = 0 if -(-count // step) <= room else -(-2 * count // room)
     bands = _bands(count, rate_hz, result.cutoff_hz, lines)
-    lags = _lags(count // step, rate_hz / step, result.cutoff_hz)
     return {
         "name": run.name,
         "unseen": run.is_unseen,
@@ -151,12 +147,10 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
         "thinned": _thinned_text(step, width, rate_hz, result.cutoff_hz),
         "frequencies": [float(f"{hz:.4g}") for hz in bands.frequency],
         **{
-            side: _packed_side(getattr(result, side), inside, (step, width), bands, lags)
+            side: _packed_side(getattr(result, side), inside, (step, width), bands)
             for side in SIDES
         },
         **_packed_motion(result.motions, result.time[inside][::step], bool(width)),
-        "lags": [float(f"{lag:.4g}") for lag in lags * step / rate_hz],
-        "noise": packed(_noise_correlation(count, rate_hz, result.cutoff_hz, lags * step)),
     }
 
 
@@ -181,33 +175,6 @@ def _packed_motion(motions: Sequence[Motion], time: Array, is_thinned: bool) -> 
     return content
 
 
-def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:
-    """Return the lags of autocorrelations in samples."""
-    # Beyond half of the trace too few products make up a correlation.
-    longest = min(_LONGEST_LAG * rate_hz / cutoff_hz, count / 2)
-    return np.unique(np.linspace(0, longest, _LAGS).astype(np.intp))
-
-
-def autocorrelation(trace: Array, lags: IndexArray) -> Array:
-    """Return the autocorrelation of a trace without its mean at lags in samples."""
-    from scipy.signal import correlate
-
-    centred = np.nan_to_num(trace - np.nanmean(trace))
-    # Of all lags from -T + 1 to T - 1, that of zero is in the middle.
-    correlation = correlate(centred, centred, method="fft")[lags + len(centred) - 1]
-    return np.asarray(correlation / max(float(centred @ centred), 1e-300))
-
-
-def _noise_correlation(count: int, rate_hz: float, cutoff_hz: float, lags: IndexArray) -> Array:
-    """Return the autocorrelation of white noise behind the low pass of the comparison."""
-    from seaid.log import low_pass
-
-    # Filtered white noise has the autocorrelation of the filter's impulse response.
-    impulse = np.zeros((count, 1))
-    impulse[count // 2] = 1.0
-    return autocorrelation(low_pass(impulse, rate_hz, cutoff_hz)[:, 0], lags)
-
-
 def _inside(result: Validation) -> slice:
     """Return the samples with a trace of any joint, without the filter transients at the ends."""
     both = np.hstack([result.actuator.measured, result.load.measured])
@@ -224,11 +191,11 @@ def _thinned_text(step: int, width: int, rate_hz: float, cutoff_hz: float) -> st
 
 
 def _packed_side(
-    fit: Fit, inside: slice, thinning: tuple[int, int], bands: Bands, lags: IndexArray
+    fit: Fit, inside: slice, thinning: tuple[int, int], bands: Bands
 ) -> list[dict[str, Any] | None]:
     joints = set(_joints_with_traces(fit))
     return [
-        _packed_trace(fit.measured[inside, j], fit.computed[inside, j], thinning, bands, lags)
+        _packed_trace(fit.measured[inside, j], fit.computed[inside, j], thinning, bands)
         if j in joints
         else None
         for j in range(fit.measured.shape[1])
@@ -236,7 +203,7 @@ def _packed_side(
 
 
 def _packed_trace(
-    measured: Array, computed: Array, thinning: tuple[int, int], bands: Bands, lags: IndexArray
+    measured: Array, computed: Array, thinning: tuple[int, int], bands: Bands
 ) -> dict[str, Any]:
     step, width = thinning
     traces = {"measured": measured, "computed": computed, "residual": measured - computed}
@@ -246,7 +213,6 @@ def _packed_trace(
     return {
         **{name: packed(trace) for name, trace in thin.items()},
         "spectra": {name: packed(np.log10(bands.amplitude(x))) for name, x in traces.items()},
-        "autocorrelation": packed(autocorrelation(traces["residual"][::step], lags)),
     }
 
 

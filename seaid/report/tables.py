@@ -11,7 +11,6 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import ParameterName, readable
-from seaid.estimation.qr_factor import first_term
 from seaid.report.formats import (
     NONE,
     Column,
@@ -326,42 +325,6 @@ def shared_table(identification: Identification) -> Table:
         "differ": "figure",
     }
     return table_of("shared", caption, columns, rows)
-
-
-_MOST_CORRELATED, _STRONG = 10, 0.7
-
-
-def correlation_table(identification: Identification) -> Table:
-    """Return the strongest correlations of the estimates."""
-    rows = [
-        (names[first], names[second], float(correlation[first, second]))
-        for names, correlation in _correlations(identification)
-        # NaN, of a parameter without a variance, is not above.
-        for first, second in np.argwhere(np.triu(np.abs(correlation) > _STRONG, 1))
-    ]
-    rows.sort(key=lambda row: -abs(row[2]))
-    caption = (
-        "The strongest correlations of the estimates: such parameters are better identifiable in "
-        "combination than individually."
-    )
-    columns = {"parameter": "words", "with": "words", "correlation": "number"}
-    return table_of("correlations", caption, columns, rows[:_MOST_CORRELATED])
-
-
-def _correlations(identification: Identification) -> Iterator[tuple[list[str], Array]]:
-    """Yield the short names and the correlations of each estimate: motor sides, then the load."""
-    load = identification.load_side
-    for joint, estimate in identification.drive_side.items():
-        # What a simultaneous estimate has of a drive is in that of the load below.
-        kept = [
-            place
-            for place, name in enumerate(estimate.names)
-            if ParameterName(name, joint) not in load.names
-        ]
-        names = [readable(ParameterName(estimate.names[place], joint)) for place in kept]
-        yield names, estimate.correlation[np.ix_(kept, kept)]
-    bodies = [first_term(name) for name in identification.model.expressions]
-    yield [*bodies, *map(readable, load.names[len(bodies) :])], load.correlation
 
 
 def residual_table(identification: Identification) -> Table:

@@ -7,15 +7,15 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import StringIO
 from itertools import compress
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seaid._progress import counted, field_texts
 from seaid.drives import ParameterName
-from seaid.errors import Finding, listed
+from seaid.errors import Finding
 from seaid.report import tables
-from seaid.report.formats import Column, Measured, Table, cut, number, percent, rendered, table_of
+from seaid.report.formats import Column, Measured, Table, cut, number, percent, table_of
 from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
@@ -40,36 +40,7 @@ if TYPE_CHECKING:
     from seaid.simulation import ReplayComparison
 
 
-class Text(str):
-    """A text with tables; `html` shows its `parts`: rows of a table below its title, or texts.
-
-    The templates that show them are loaded in a notebook only.
-    """
-
-    parts: tuple[Any, ...]
-
-    def __new__(cls, text: str, *parts: Any) -> Self:
-        """Return the text; without parts it is a paragraph."""
-        made = super().__new__(cls, text)
-        made.parts = parts or (text,)
-        return made
-
-    @property
-    def html(self) -> str:
-        """The same content for a notebook."""
-        return str(rendered("notebook.html.j2", parts=self.parts)).strip()
-
-    def _repr_html_(self) -> str:
-        return self.html
-
-
-def joined(parts: Iterable[str]) -> Text:
-    """Return texts and tables below each other."""
-    texts = [part if isinstance(part, Text) else Text(part) for part in parts]
-    return Text("\n".join(texts), *(part for text in texts for part in text.parts))
-
-
-def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Text:
+def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return an aligned table, the first column left-aligned, the others right-aligned."""
     from rich import box
     from rich.console import Console
@@ -82,28 +53,27 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> T
         drawn.add_row(*row)
     text = StringIO()
     Console(file=text, width=400, markup=False, emoji=False).print(drawn)
-    lines = [title, *(line.rstrip() for line in text.getvalue().splitlines())]
-    return Text("\n".join(lines), {"title": title.strip(), "header": header, "rows": rows})
+    return "\n".join([title, *(line.rstrip() for line in text.getvalue().splitlines())])
 
 
-def table_text(made: Table, title: str) -> Text:
+def table_text(made: Table, title: str) -> str:
     """Return a table of a result as text."""
     return table(title, *made.texts)
 
 
 def _listed(
     title: str, columns: Mapping[str, str] | Sequence[Column], rows: Iterable[Sequence[Any]]
-) -> Text:
+) -> str:
     """Return a table that no page has."""
     return table_text(table_of("", "", columns, rows), title)
 
 
-def fields_table(data: Any) -> Text:
+def fields_table(data: Any) -> str:
     """Return the fields of an object that differ from their defaults."""
     return table(repr(data), ["field", "value"], [[*row] for row in field_texts(data)])
 
 
-def robot_table(robot: Robot) -> Text:
+def robot_table(robot: Robot) -> str:
     """Return joints, drives and bodies of a robot."""
     from seaid.legged import FloatingRobot
 
@@ -135,20 +105,20 @@ def _mimic_text(joint: DependentJoint) -> str:
     return f"mimics: {joint.multiplier:.4g} {joint.leader}{offset}"
 
 
-def log_table(log: Log) -> Text:
+def log_table(log: Log) -> str:
     """Return the range of each sensor of a log."""
     rows = [(name, x.min(), x.max(), x.std()) for name, x in log.columns().items()]
     columns = {"sensor": "words", **dict.fromkeys(("least", "largest", "std. deviation"), "number")}
     return _listed(repr(log), columns, rows)
 
 
-def estimate_table(estimate: Estimate) -> Text:
+def estimate_table(estimate: Estimate) -> str:
     """Return the parameters of an estimate with standard errors."""
     made = tables.load_table(estimate, head="parameter")
     return table_text(made, counted(len(made.rows), "parameter"))
 
 
-def frequency_table(found: FrequencyResponse) -> Text:
+def frequency_table(found: FrequencyResponse) -> str:
     """Return resonances, damping and springs of elastic joints, and the noise of the response."""
     # (F, n, n) -> (F, n): each joint's angle over its own motor torque.
     size = np.abs(np.einsum("fii->fi", found.response))
@@ -156,7 +126,7 @@ def frequency_table(found: FrequencyResponse) -> Text:
     quality = zip(found.joints, *(np.median(part, axis=0) for part in parts), strict=True)
     text = "Response of each motor: standard deviation, median over frequencies"
     columns = {"joint": "words", "by noise": "share", "with nonlinear distortion": "share"}
-    return joined(
+    return "\n".join(
         [
             repr(found),
             table_text(tables.response_table(found), "Springs"),
@@ -166,26 +136,26 @@ def frequency_table(found: FrequencyResponse) -> Text:
     )
 
 
-def base_table(base: BaseParameters) -> Text:
+def base_table(base: BaseParameters) -> str:
     """Return the base parameters as combinations of standard ones."""
     title = f"{counted(len(base.columns), 'base parameter')} (singular-value gap {base.gap:.2g})"
     return table(title, ["combination"], [[text] for text in base.expressions])
 
 
-def cross_check_text(check: CrossCheck) -> Text:
+def cross_check_text(check: CrossCheck) -> str:
     """Return the comparison of numeric and exact base parameters in a sentence."""
-    return Text(
+    return (
         f"{check.counts[0]} base parameters numerically, {check.counts[1]} exactly; largest "
         f"difference of groupings {check.max_difference:.2g}, gap {check.gap:.2g}: "
         f"{'they agree' if check.agree else 'they differ'}"
     )
 
 
-def excitation_table(plan: Excitation) -> Text:
+def excitation_table(plan: Excitation) -> str:
     """Return the criterion of a planned motion and the expected standard errors."""
     rows = zip(plan.names, plan.standard_errors.tolist(), plan.units, strict=True)
     columns = {"parameter": "grouping", "expected std. error": "number", "unit": "words"}
-    return joined([repr(plan), *condition_lines(plan), _listed("Parameters", columns, rows)])
+    return "\n".join([repr(plan), *condition_lines(plan), _listed("Parameters", columns, rows)])
 
 
 def condition_lines(plan: Excitation) -> list[str]:
@@ -201,12 +171,12 @@ def condition_lines(plan: Excitation) -> list[str]:
     ]
 
 
-def drive_table(title: str, identification: Identification, known: Robot | None = None) -> Text:
+def drive_table(title: str, identification: Identification, known: Robot | None = None) -> str:
     """Return Table 1 of the paper: drive parameters with standard errors, and known values."""
     return table_text(tables.drive_table(identification, known), title)
 
 
-def load_table(title: str, identification: Identification, truth: Robot | None = None) -> Text:
+def load_table(title: str, identification: Identification, truth: Robot | None = None) -> str:
     """Return the base parameters with standard errors, and true values if `truth` is given.
 
     Long groupings are shortened; `parameters.json` has them in full.
@@ -215,12 +185,12 @@ def load_table(title: str, identification: Identification, truth: Robot | None =
     return table_text(tables.load_table(identification.load, true), title)
 
 
-def identification_table(found: Identification) -> Text:
+def identification_table(found: Identification) -> str:
     """Return the summary of an identification: verdict, warnings, parameters and checks."""
-    return joined([*verdict_text(found), *_details(found, drive_table("Drives", found))])
+    return "\n".join([*verdict_text(found), *_details(found, drive_table("Drives", found))])
 
 
-def short_text(found: Identification, nominal: Robot, details: bool = False) -> Text:
+def short_text(found: Identification, nominal: Robot, details: bool = False) -> str:
     """Return verdict, warnings, drives next to their nominal values, and the fit of each joint.
 
     With `details` base parameters, processing and checks follow.
@@ -229,13 +199,13 @@ def short_text(found: Identification, nominal: Robot, details: bool = False) -> 
     if found.drives:
         parts.append(drive_table("Drives", found, nominal))
     parts += [*_fit_tables(found), *_whole_body_table(found)]
-    return joined([*parts, *(_details(found) if details else [_sources_text(found)])])
+    return "\n".join([*parts, *(_details(found) if details else [_sources_text(found)])])
 
 
 _SHARED = "Shared parameters (value +- standard error)"
 
 
-def _details(identification: Identification, *drives: Text) -> list[str]:
+def _details(identification: Identification, *drives: str) -> list[str]:
     return [
         _sources_text(identification),
         *_processing_text(identification),
@@ -250,13 +220,13 @@ def _details(identification: Identification, *drives: Text) -> list[str]:
     ]
 
 
-def _whole_body_table(identification: Identification) -> list[Text]:
+def _whole_body_table(identification: Identification) -> list[str]:
     """Return the table of the mass and the centre of mass of a robot with a floating base."""
     title = "Whole robot, in the frame of its base at the mean posture"
     return _table_if_any(tables.whole_body_table(identification), title)
 
 
-def _table_if_any(made: Table, title: str) -> list[Text]:
+def _table_if_any(made: Table, title: str) -> list[str]:
     """Return a table as text, nothing if it has no rows."""
     return [table_text(made, title)] if made.rows else []
 
@@ -301,32 +271,10 @@ def verdict_text(identification: Identification) -> list[str]:
 
 def _verdict_lines(identification: Identification) -> list[str]:
     verdict = f"{identification.robot.name}: {identification.verdict.sentence}"
-    return [verdict, *_gain_lines(identification.robot), *warning_lines(identification.warnings)]
+    return [verdict, *warning_lines(identification.warnings)]
 
 
-def _gain_lines(robot: Robot) -> list[str]:
-    """Return a line with the controllers' gains, to which all that is identified is in proportion.
-
-    Gains with a scale are identified themselves.
-    """
-    joints: dict[str, list[str]] = {}
-    for joint, drive in robot.drives.items():
-        law = drive.controller
-        if law is not None and not law.is_up_to_scale:
-            gains = {"K_p": law.position_gain_Nm_per_rad, "K_d": law.velocity_gain_Nms_per_rad}
-            text = ", ".join(f"{name} = {x:.4g}" for name, x in gains.items() if x)
-            joints.setdefault(text, []).append(joint)
-    if not joints:
-        return []
-    gains_text = "; ".join(f"{text} ({listed(places)})" for text, places in joints.items())
-    return [
-        f"gains as given, in SI units at the joints: {gains_text}. Inertias, friction and "
-        "offsets are in proportion to them: if they are assumed, write is_up_to_scale = true into "
-        "the controllers: known bodies may determine their scale"
-    ]
-
-
-def _fit_tables(identification: Identification) -> list[Text]:
+def _fit_tables(identification: Identification) -> list[str]:
     """Return the table of the unexplained torques, if there is one."""
     rows = [
         (joint, fit.own, fit.blocks, fit.motor, fit.identified, fit.nominal)
@@ -338,24 +286,24 @@ def _fit_tables(identification: Identification) -> list[Text]:
     return [made, *_residual_text(identification)] if rows else []
 
 
-def _residual_text(result: Identification) -> list[Text]:
+def _residual_text(result: Identification) -> list[str]:
     """Return the residual of all joints together, if it is known."""
     fitted, blocks = result.residual
     if np.isnan(fitted):
         return []
     more = "" if np.isnan(blocks) else f", {percent(blocks)} in excluded blocks"
     of = "torques of all joints" if result.model.torque_joints else "forces and moments of the base"
-    return [Text(f"Residual over the {of} (norms): {percent(fitted)} in the own logs{more}")]
+    return [(f"Residual over the {of} (norms): {percent(fitted)} in the own logs{more}")]
 
 
-def setup_table(found: SetupCheck) -> Text:
+def setup_table(found: SetupCheck) -> str:
     """Return the numbers of a check of the set-up, and its warnings."""
     made = tables.setup_table(found.joints)
     nothing = [] if found.warnings else ["nothing contradicts the set-up"]
     if made.rows and not np.any(np.isfinite([row[2:6] for row in made.rows])):
         nothing = [*nothing, "no torque in N m and no second encoder of a joint was compared"]
     title = "Torques that the set-up as given leaves unexplained"
-    return joined([*_table_if_any(made, title), *warning_lines(found.warnings), *nothing])
+    return "\n".join([*_table_if_any(made, title), *warning_lines(found.warnings), *nothing])
 
 
 def _processing_text(identification: Identification) -> list[str]:
@@ -386,7 +334,7 @@ def exact_text(identification: Identification) -> list[str]:
     return [f"taken as exact; to include typical tolerances: --known-std {option}"] * bool(option)
 
 
-def checks_table(identification: Identification) -> Text:
+def checks_table(identification: Identification) -> str:
     """Return the checks of the model: optional terms, residuals and condition numbers.
 
     The data support a term whose BIC difference is above zero. A low-pass filter correlates the
@@ -401,10 +349,10 @@ def checks_table(identification: Identification) -> Text:
     poorly = [
         f"! {x}" for checks in identification.checks.values() for x in checks.poorly_determined
     ]
-    return joined([*(table_text(x, title) for title, x in made.items() if x.rows), *poorly])
+    return "\n".join([*(table_text(x, title) for title, x in made.items() if x.rows), *poorly])
 
 
-def feasible_text(feasible: FeasibleParameters) -> Text:
+def feasible_text(feasible: FeasibleParameters) -> str:
     """Return the summary of the physically consistent parameters."""
     lines = [
         f"physically consistent parameters: chi-square {feasible.chi_square:.3g} over "
@@ -413,10 +361,10 @@ def feasible_text(feasible: FeasibleParameters) -> Text:
         *(f"  active bound: {text}" for text in feasible.active_bounds),
         *(f"  {note}" for note in feasible.notes),
     ]
-    return joined(lines)
+    return "\n".join(lines)
 
 
-def validation_table(result: Validation) -> Text:
+def validation_table(result: Validation) -> str:
     """Return relative errors by side and joint: below the cutoff, and unfiltered.
 
     If samples at standstill do not count, also the share of those that do, and the error of all.
@@ -427,7 +375,7 @@ def validation_table(result: Validation) -> Text:
     title = "Unseen motion: relative error below the cutoff"
     nothing = "Unseen motion: no joint has a torque that could be compared"
     contacts = tables.contact_tables([Run(name="motion", result=result, is_unseen=False)])
-    return joined(
+    return "\n".join(
         [
             *([] if joints else [nothing]),
             *(table_text(x, title) for x in made if x.rows),
@@ -437,15 +385,15 @@ def validation_table(result: Validation) -> Text:
     )
 
 
-def replay_table(result: ReplayComparison) -> Text:
+def replay_table(result: ReplayComparison) -> str:
     """Return the errors of the replays by two models by joint, and those over the noise."""
     length = float(result.time[-1] - result.time[0])
     title = f"Replay of {length:.4g} s by nominal (before) and identified (after) model"
     errors = table_text(tables.replay_error_table(result), title)
-    return joined([errors, *warning_lines(result.warnings)])
+    return "\n".join([errors, *warning_lines(result.warnings)])
 
 
-def comparison_table(result: Comparison) -> Text:
+def comparison_table(result: Comparison) -> str:
     """Return the parameters of two identifications side by side, with their differences."""
     first, second = result.names
     title = f"{first} and {second}: value +- standard error"
@@ -460,7 +408,7 @@ def comparison_table(result: Comparison) -> Text:
         if parameters
     ]
     made = table_text(tables.difference_table(result), title)
-    return joined([made, *tests, *only, result.sentence])
+    return "\n".join([made, *tests, *only, result.sentence])
 
 
 def measure_text(measures: ExcitationMeasures) -> str:
@@ -489,7 +437,7 @@ _LONGEST = 40
 """Letters of the name of a parameter in a table with a column for each cutoff."""
 
 
-def sensitivity_table(result: CutoffSensitivity) -> Text:
+def sensitivity_table(result: CutoffSensitivity) -> str:
     """Return each estimate by cutoff (selected one in brackets), and its largest change."""
     marked = [
         f"[{cutoff:.3g} Hz]" if place == result.proposed else f"{cutoff:.3g} Hz"
@@ -506,7 +454,7 @@ def sensitivity_table(result: CutoffSensitivity) -> Text:
     columns = {**of_cutoffs, "std. error": "two digits", "change": "figure", "unit": "unit"}
     title = "Estimates over the cutoff; change: largest between half and twice the selected one"
     refused = (f"! {cutoff:.3g} Hz: {why}" for cutoff, why in result.refused.items())
-    return joined([_listed(title, columns, rows), *refused])
+    return "\n".join([_listed(title, columns, rows), *refused])
 
 
 def group_name(group: str) -> str:
@@ -517,9 +465,9 @@ def group_name(group: str) -> str:
 _WIDTH = 100
 
 
-def sensors_table(found: Identifiability) -> Text:
+def sensors_table(found: Identifiability) -> str:
     """Return the parameters identifiable individually, in combination, up to scale, or not."""
-    return joined(_sensor_lines(found))
+    return "\n".join(_sensor_lines(found))
 
 
 def _sensor_lines(analysis: Identifiability) -> Iterator[str]:
@@ -574,7 +522,7 @@ def _wrapped(start: str, items: Sequence[str], between: str = "; ") -> list[str]
     return textwrap.wrap(text, _WIDTH, subsequent_indent="    ", break_long_words=False)
 
 
-def conditions_table(together: Conditions) -> Text:
+def conditions_table(together: Conditions) -> str:
     """Return the specific parameters, whether they differ by the BIC, and the shared ones."""
     named = together.identifications
     first = next(iter(named.values()))
@@ -599,7 +547,7 @@ def conditions_table(together: Conditions) -> Text:
         return common
     columns = {"parameter": "grouping", **dict.fromkeys(named, "value and error")}
     columns |= {"F": "number", "BIC": "number", "differ": "figure"}
-    return joined([_listed(title.format("condition-specific"), columns, rows), "", common])
+    return "\n".join([_listed(title.format("condition-specific"), columns, rows), "", common])
 
 
 def _condition_value(identification: Identification, text: str) -> Measured:
@@ -610,7 +558,7 @@ def _condition_value(identification: Identification, text: str) -> Measured:
     return Measured(estimate.value(name), estimate.standard_error(name))
 
 
-def statics_table(found: StaticCalibration) -> Text:
+def statics_table(found: StaticCalibration) -> str:
     """Return the parameters of a calibration from statics, with rms, linearity and hysteresis."""
     made = table_text(tables.calibration_table(found), f"Calibration from statics, {found.law} law")
     lines = [
@@ -622,17 +570,17 @@ def statics_table(found: StaticCalibration) -> Text:
     else:
         lines[0] += " of the range of the load; no hysteresis without loads up and down"
     lines += [f"! {finding}" for finding in found.warnings]
-    return joined([made, *lines])
+    return "\n".join([made, *lines])
 
 
-def terms_table(selection: TermSelection) -> Text:
+def terms_table(selection: TermSelection) -> str:
     """Return the comparison of all candidate terms, step by step, and the recommendation."""
     columns = {"joint: term": "words", "step": "figure", "F": "number", "BIC": "number"}
     columns |= dict.fromkeys(("excluded blocks", "better", "supported"), "figure")
     rows = [_term_row(term) for term in selection.comparisons]
     notes = [f"! {_label(term)}: {term.reason}" for term in selection.comparisons if term.reason]
     title = "Model comparison: a term needs BIC above zero and a smaller error of excluded blocks"
-    return joined([_listed(title, columns, rows), *notes, *_recommendation(selection)])
+    return "\n".join([_listed(title, columns, rows), *notes, *_recommendation(selection)])
 
 
 def _term_row(candidate: TermComparison) -> tuple[Any, ...]:

@@ -152,7 +152,7 @@ LINES: dict[str, tuple[str, str, Library]] = {
             ).recommended
         },
     ),
-    "calibrate": ("weights.csv", "html", calibrated),
+    "calibrate": ("weights.csv", "", calibrated),
     "identify": (LOG, "json", lambda arm: content_of(identified(arm))),
     "identify --refine": (
         LOG,

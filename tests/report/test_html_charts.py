@@ -10,7 +10,6 @@ import pytest
 from seaid._arrays import Array
 from seaid.report.html_charts import Axis, Figure, Layer
 from seaid.report.html_robot import Label, posture_of, robot_picture
-from seaid.report.html_traces import autocorrelation
 from tests.experiments import arm, arm_found, leg
 
 
@@ -91,11 +90,3 @@ def test_every_joint_is_drawn_in_its_colour_with_its_label() -> None:
         assert f"<title>{name}: " in svg
     assert svg.count("<text") == 5
     assert "nan" not in svg
-
-
-def test_autocorrelation_is_that_of_its_definition() -> None:
-    trace = np.random.default_rng(0).normal(size=500).cumsum()
-    lags = np.array([0, 1, 7, 40])
-    there = trace - trace.mean()
-    expected = [there[: 500 - lag] @ there[lag:] / (there @ there) for lag in lags]
-    np.testing.assert_allclose(autocorrelation(trace, lags), expected, atol=1e-12)

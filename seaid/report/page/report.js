@@ -17,7 +17,7 @@
 
   const traces = stored("traces-data");
   const charts = {};
-  const hidden = Object.fromEntries(["torque", "residual", "spectrum", "autocorrelation", "over-velocity", "over-position", "over-temperature"].map((name) => [name, new Set()]));
+  const hidden = Object.fromEntries(["torque", "residual", "spectrum", "over-velocity", "over-position", "over-temperature"].map((name) => [name, new Set()]));
   let zoom = null;
   let zooming = false;
 
@@ -126,13 +126,6 @@
     hooks: { drawClear: [shadeBand(cutoff)] },
   }, data);
 
-  const overLag = (lags, residual, noise) => draw("autocorrelation", {
-    height: 250, series: [{ label: "lag [s]", value: (_, value) => digits(value) },
-      line("residual", "residual", 1.4), line("filtered noise", "measured", 3)],
-    scales: { x: { time: false }, y: { range: [-1, 1.05] } }, cursor: { y: false },
-    axes: [axis("lag [s]"), axis("autocorrelation", { size: 66 })],
-  }, [lags, residual, noise]);
-
   const scatter = (name, label, unit, x, y) => {  // points in the order of x, and the means of 24 bins
     const order = x.map((_, place) => place).filter((place) => y[place] != null).sort((a, b) => x[a] - x[b]);
     const [low, high] = [x[order[0]], x[order[order.length - 1]]];
@@ -171,7 +164,6 @@
     if (kept) zoomTo(kept);
     const spectra = ["measured", "computed", "residual"].map((one) => unpacked(trace.spectra[one]).map((power) => 10 ** power));
     overFrequency(unit, run.cutoff, [run.frequencies, ...spectra]);
-    overLag(run.lags, unpacked(trace.autocorrelation), unpacked(run.noise));
     for (const figure of document.querySelectorAll(".scatter")) figure.hidden = !motion;
     if (motion) {
       const length = traces.units.load[joint] === "N" ? "m" : "rad";
@@ -293,13 +285,6 @@
         }
       });
     }
-    const packed = at("parameters-data");
-    if (!packed) return;
-    at("parameters").hidden = false;
-    at("parameters").addEventListener("click", async () => {
-      const stream = new Blob([bytes(packed.textContent)]).stream().pipeThrough(new DecompressionStream("gzip"));
-      save("parameters.json", new Blob([await new Response(stream).arrayBuffer()], { type: "application/json" }));
-    });
   };
 
   let opened = [];
