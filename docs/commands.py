@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
+
+import click
 
 MARK = "<!-- commands -->"
 
@@ -28,16 +31,14 @@ def _section(name: str, command: Any) -> Iterator[str]:
 
 
 def _words(parameter: Any) -> str:
+    context = click.Context(click.Command("seaid"))
+    shape = parameter.make_metavar(context)
     if parameter.param_type_name == "argument":
-        return f"`{parameter.metavar or parameter.name.upper()}`"
+        return f"`{shape}`"
     options = [*parameter.opts, *parameter.secondary_opts]
-    value = "" if parameter.is_flag else f" {parameter.metavar or _kind(parameter)}"
-    return ", ".join(f"`{option}{value}`" for option in sorted(options, key=len))
-
-
-def _kind(parameter: Any) -> str:
-    kind = parameter.type_descriptor.annotation
-    return {float: "NUMBER", int: "COUNT", str: "TEXT"}.get(kind, "FILE")
+    value = "" if parameter.is_flag else f" {shape}"
+    words = ", ".join(f"`{option}{value}`" for option in sorted(options, key=len))
+    return words.replace("|", r"\|")
 
 
 def _meaning(parameter: Any) -> str:
@@ -47,5 +48,5 @@ def _meaning(parameter: Any) -> str:
 
 def _default(parameter: Any) -> str:
     value = parameter.default
-    shown = isinstance(value, (str, float, int)) and not isinstance(value, bool)
+    shown = isinstance(value, (str, float, int, Path)) and not isinstance(value, bool)
     return f"`{value}`" if shown else ""

@@ -222,7 +222,7 @@ PLACES = {
     "matplotlib": ("report",),
     "jinja2": ("_files", "report"),
     "viser": ("view",),
-    "typer": ("cli",),
+    "click": ("cli",),
 }
 """{library: where it is imported}."""
 

@@ -42,7 +42,7 @@ def test_all_lists_what_is_there_sorted_and_dir_the_same() -> None:
 
 HEAVY: tuple[str, ...] = (
     *("numpy", "scipy", "pinocchio", "sympy", "flint", "matplotlib", "yourdfpy", "trimesh"),
-    *("lxml", "rich", "typer", "jinja2", "viser", "mujoco", "pyarrow", "h5py"),
+    *("lxml", "rich", "click", "jinja2", "viser", "mujoco", "pyarrow", "h5py"),
 )
 
 

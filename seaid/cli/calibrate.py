@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Literal
 
-import typer
+import click
 
 import seaid
 from seaid.cli.kinds import TableFile, TomlFile, UrdfFile
 from seaid.cli.options import JsonOptions
-from seaid.cli.project import is_typed
 
 
 def calibrate(
@@ -49,9 +48,8 @@ def calibrate(
     seaid calibrate weights.csv
     seaid calibrate poses.csv --urdf leg.urdf --drives leg.toml --joint knee_pitch
     """
-    is_half = is_typed("urdf") if joint is None else urdf is None
-    if is_half:
-        raise typer.BadParameter("a log needs both", param_hint="--urdf, --joint")
+    if (urdf is None) != (joint is None):
+        raise click.BadParameter("a log needs both", param_hint="--urdf, --joint")
     if urdf is None or joint is None:
         statics = seaid.identification.read_statics(table)
     else:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import seaid
-from seaid.cli.kinds import JointNames, Kind, LogFile, check_suffix
-from seaid.cli.messages import is_terminal, written
+from seaid.cli.kinds import LogFile, ModelFile, Names, check_suffix
+from seaid.cli.messages import is_terminal
 from seaid.cli.options import FailOptions, LogOptions, ResultOptions, check_joints, refuse
 
 Section = tuple[str, dict[str, Any]]
@@ -18,13 +18,12 @@ Section = tuple[str, dict[str, Any]]
 
 def check(
     options: LogOptions,
-    logs: list[LogFile],
+    logs: tuple[LogFile, ...],
     *,
     delays: bool = False,
-    largest_s: float = 0.03,
     terms: bool = False,
-    of: JointNames | None = None,
-    output: Annotated[Path, Kind("FILE")] | None = None,
+    of: Names | None = None,
+    output: ModelFile | None = None,
     fail: FailOptions,
     result: ResultOptions,
 ) -> None:
@@ -40,8 +39,6 @@ def check(
     ----------
     delays
         Estimate by how much the channels of a log are late or early.
-    largest_s
-        Largest delay of the search [s].
     terms
         Compare which further terms of friction and springs the logs support.
     of
@@ -69,7 +66,7 @@ def check(
         fail.check(setup.warnings)
         return
     if delays:
-        text, content = _delays(robot, read, largest_s, options.cutoff_hz, output)
+        text, content = _delays(robot, read, options.cutoff_hz, output)
     else:
         text, content = _terms(robot, read, of, options, output)
     result.show(text, content, output, robot=robot.name)
@@ -79,8 +76,6 @@ def _check_usage(output: Path | None, delays: bool, terms: bool) -> None:
     """Raise BadParameter for options that do not go together, and another suffix of the output."""
     if delays and terms:
         refuse("give one of them", "delays", "terms")
-    if not delays:
-        refuse("it needs --delays", "largest_s")
     if not terms:
         refuse("it needs --terms", "of")
     if not (delays or terms):
@@ -92,7 +87,6 @@ def _check_usage(output: Path | None, delays: bool, terms: bool) -> None:
 def _delays(
     robot: seaid.Robot,
     logs: Sequence[seaid.Log],
-    largest_s: float,
     cutoff_hz: float | None,
     output: Path | None,
 ) -> Section:
@@ -100,8 +94,9 @@ def _delays(
     if len(logs) > 1:
         refuse("give one log: its delays are its own", "delays")
     log, package = logs[0], seaid.identification
-    delays = package.estimate_delays(robot, log, largest_s=largest_s, cutoff_hz=cutoff_hz)
-    written(output, ".csv", lambda file: seaid.write_log(package.correct_delays(log, delays), file))
+    delays = package.estimate_delays(robot, log, cutoff_hz=cutoff_hz)
+    if output is not None:
+        seaid.write_log(package.correct_delays(log, delays), output)
     content = [{**asdict(delay), "is_significant": delay.is_significant} for delay in delays]
     lines = [str(delay) for delay in delays] or ["no channel is redundant with others of its joint"]
     return "\n".join(lines), {"delays": content}
@@ -123,16 +118,7 @@ def _terms(
         cutoff_hz=options.cutoff_hz,
         progress=is_terminal(),
     )
-    written(output, ".toml", lambda file: seaid.write_drives(selection.robot.drives, file))
-    comparisons = [_comparison_facts(comparison) for comparison in selection.comparisons]
-    return str(selection), {"recommended": selection.recommended, "comparisons": comparisons}
-
-
-def _comparison_facts(test: seaid.checks.TermComparison) -> dict[str, object]:
-    names = ("joint", "field", "term", "cutoff_hz", "selected", "reason")
-    return {
-        **{name: getattr(test, name) for name in names},
-        "step": test.step + 1,
-        "supported": test.is_supported,
-        "significance": None if test.comparison is None else asdict(test.comparison),
-    }
+    if output is not None:
+        seaid.write_drives(selection.robot.drives, output)
+    names = ("recommended", "comparisons")
+    return str(selection), {name: getattr(selection, name) for name in names}

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import seaid
-from seaid.cli.kinds import Contacts, JointNames, Kind, LogFile, Names, TomlFile, UrdfFile
-from seaid.cli.messages import is_stdout
+from seaid.cli.kinds import Contacts, LogFile, Names, TomlFile, UrdfFile
 from seaid.cli.options import ResultOptions, RobotOptions
 from seaid.errors import LogError
 
 
 def describe(
-    logs: list[LogFile],
+    logs: tuple[LogFile, ...],
     *,
     urdf: UrdfFile | None = None,
     drives: TomlFile | None = None,
-    joints: JointNames | None = None,
+    joints: Names | None = None,
     base: Literal["fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"] = "fixed",
-    contact: list[Contacts] | None = None,
+    contact: tuple[Contacts, ...] = (),
     rate_hz: float | None = None,
     columns: Names | None = None,
-    output: Annotated[Path, Kind("TOML")] | None = None,
+    output: TomlFile | None = None,
     result: ResultOptions,
 ) -> None:
     """Infer the meaning of custom columns, as a log description in TOML.
@@ -62,7 +60,7 @@ def describe(
             guess = seaid.legged.with_leg_order(guess, robot, log)
     lists = {key: getattr(guess, key) for key in ("unsure", "assumed", "unused")}
     content = {"description": guess.description.to_dict(), **lists}
-    if output is not None and not is_stdout(output):
+    if output is not None:
         write_whole(output, guess.to_toml())
         result.show(str(guess), content, output)
     else:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import seaid
 from seaid.cli import kinds
-from seaid.cli.messages import is_stdout, is_terminal, written
+from seaid.cli.messages import is_terminal
 from seaid.cli.options import ResultOptions, RobotOptions, by_joint, logs_of, refuse
 
 
@@ -88,7 +88,7 @@ class StanceOptions:
         Stance: least normal force, over the weight per contact.
     """
 
-    stance: kinds.LinkNames | None = None
+    stance: kinds.Names | None = None
     friction: float = 0.6
     sole_m: kinds.Sole | None = None
     least_load: float = 0.1
@@ -158,10 +158,10 @@ class SearchOptions:
         Seed of the random starts.
     """
 
-    torque_joints: kinds.JointNames | None = None
+    torque_joints: kinds.Names | None = None
     criterion: Literal["condition_number", "d_optimality", "relative_error"] = "condition_number"
     drive_parameters: bool = False
-    previous_logs: list[kinds.LogFile] | None = None
+    previous_logs: tuple[kinds.LogFile, ...] = ()
     description: kinds.TomlFile | None = None
     starts: int = 3
     iterations: int = 150
@@ -171,7 +171,7 @@ class SearchOptions:
         """Return keyword arguments of `design_excitation`."""
         keywords = dict(vars(self))
         description = keywords.pop("description")
-        return {**keywords, "previous_logs": logs_of(self.previous_logs or (), robot, description)}
+        return {**keywords, "previous_logs": logs_of(self.previous_logs, robot, description)}
 
 
 def excite(
@@ -182,7 +182,7 @@ def excite(
     limits: LimitOptions,
     search: SearchOptions,
     *,
-    joint_trajectory: Annotated[Path, kinds.Kind("YAML")] | None = None,
+    joint_trajectory: kinds.YamlFile | None = None,
     output: kinds.Plan = Path("excitation.json"),
     result: ResultOptions,
 ) -> None:
@@ -206,14 +206,12 @@ def excite(
     seaid excite arm.urdf --ends-in-motion --joint-trajectory arm.yaml -o plan.json
     seaid excite robot.urdf --base floating --contact a,b,c,d --stance a,b,c,d --posture knee=-1.5
     """
-    set_points = None if is_stdout(output) else output.with_suffix(".csv")
-    of_base = None
-    if set_points is not None and standing.stance is not None:
-        of_base = output.with_name(f"{output.stem}_base.csv")
+    set_points = output.with_suffix(".csv")
+    of_base = output.with_name(f"{output.stem}_base.csv") if standing.stance else None
     asked, rate_hz = seaid.Limits(**vars(limits)), motion.rate_hz
     if not rate_hz > 0:
         refuse(f"{rate_hz:g} is not more than zero", "rate_hz")
-    read = (*options.files, search.description, *(search.previous_logs or ()))
+    read = (*options.files, search.description, *search.previous_logs)
     result.check(output, set_points, of_base, joint_trajectory, read=read)
     robot = options.robot()
     plan = seaid.design_excitation(
@@ -230,34 +228,17 @@ def excite(
     planned = plan.trajectory
     if motion.ends_in_motion or motion.basis == "multisine":
         planned = seaid.excitation.add_run_in(planned, robot, asked)
-    written(output, ".json", lambda file: planned.save(file))
-    written(set_points, ".csv", lambda file: planned.save_set_points(file, rate_hz))
+    planned.save(output)
+    planned.save_set_points(set_points, rate_hz)
     if of_base is not None and plan.stance is not None:
         plan.stance.base.save_set_points(of_base, rate_hz)
-    written(joint_trajectory, ".yaml", lambda file: planned.save_joint_trajectory(file))
+    if joint_trajectory is not None:
+        planned.save_joint_trajectory(joint_trajectory)
     text = _plan_text(robot.name, plan, planned)
-    content = _content(plan, planned)
+    names = ("condition_number", "measures", "criterion", "value", "names", "standard_errors")
+    content = {name: getattr(plan, name) for name in names}
+    content |= {"duration_s": planned.duration, "main_interval_s": planned.main_interval}
     result.show(text, content, output, set_points, of_base, joint_trajectory, robot=robot.name)
-
-
-def _content(plan: seaid.Excitation, motion: seaid.Trajectory) -> dict[str, Any]:
-    """Return a plan and its motion as the content of JSON."""
-    content = {
-        "duration_s": motion.duration,
-        "main_interval_s": motion.main_interval,
-        "condition_number": plan.condition_number,
-        "measures": plan.measures,
-        "criterion": plan.criterion,
-        "value": plan.value,
-        "parameters": [
-            {"name": name, "unit": unit, "standard_error": error}
-            for name, unit, error in zip(plan.names, plan.units, plan.standard_errors, strict=True)
-        ],
-    }
-    if plan.stance is not None:
-        keys = ("friction_used", "least_normal_force")
-        content["stance"] = {key: getattr(plan.stance, key) for key in keys}
-    return content
 
 
 def _plan_text(name: str, plan: seaid.Excitation, motion: seaid.Trajectory) -> str:

@@ -4,31 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Any, cast
 
 import seaid
-from seaid.cli.kinds import JsonFile, Kind, check_suffix, choice
-from seaid.cli.messages import is_stdout, note, option_of, written
+from seaid.cli.kinds import JsonFile, ModelFile, check_suffix
+from seaid.cli.messages import note, option_of
 from seaid.cli.options import IdentifiedOptions, ResultOptions, judgement_of, refuse
 from seaid.cli.project import is_typed
-from seaid.errors import by_severity, listed
+from seaid.errors import SeaidError, by_severity, listed, unknown_name
 
 CODE = {"python": ".py", "c": ".c"}
 """{format of code: its suffix}."""
-
-ExportFormat = Annotated[str, choice("format", lambda: (*seaid.export.FORMATS, *CODE))]
 
 
 def export(
     options: IdentifiedOptions,
     *,
-    output: Annotated[Path, Kind("FILE")],
-    format: ExportFormat | None = None,  # noqa: A002
+    output: ModelFile,
+    format: str | None = None,  # noqa: A002
     time_step: float = 0.005,
     parameters: JsonFile | None = None,
     as_estimated: bool = False,
     allow_inconsistent: bool = False,
-    randomization: Annotated[Path, Kind("FILE")] | None = None,
+    randomization: ModelFile | None = None,
     level: float = 0.95,
     samples: int = 100,
     at_temperature: float | None = None,
@@ -97,34 +95,28 @@ def export(
     ranges = None
     if fit is not None and randomization is not None:
         ranges = seaid.export.write_randomization(fit, randomization, level=level, samples=samples)
-    model = written(
+    model = seaid.write_model(
+        robot,
         output,
-        suffix,
-        lambda file: seaid.write_model(
-            robot,
-            file,
-            form,
-            time_step_s=time_step,
-            force=allow_inconsistent,
-            at_temperature_degC=at_temperature,
-        ),
+        form,
+        time_step_s=time_step,
+        force=allow_inconsistent,
+        at_temperature_degC=at_temperature,
     )
     for text in model.notes:
         note(text.replace("payloads=", option_of("payloads=")))
-    tables = model.drives
-    if is_stdout(output) and tables is not None:
-        tables = None
-        note("stdout has the URDF without its drives: --output writes both")
     facts["warnings"] = by_severity([*facts.get("warnings", ()), *model.warnings])
     lines = [*_lines(robot, form, ranges), *seaid.report.warning_lines(facts["warnings"])]
     content = {"bodies": robot.body_names, "drives": [*robot.drives]}
-    result.show("\n".join(lines), content, output, tables, randomization, **facts)
+    result.show("\n".join(lines), content, output, model.drives, randomization, **facts)
 
 
 def _format(name: str | None, output: Path) -> tuple[str, str]:
     """Return the format of an output, and its suffix; raise BadParameter for another suffix."""
     suffixes: dict[str, str] = {kind: entry.suffix for kind, entry in seaid.export.FORMATS.items()}
     suffixes |= CODE
+    if name is not None and name not in suffixes:
+        raise SeaidError(f"--format: {unknown_name('format', name, suffixes)}")
     by_code = {suffix: code for code, suffix in CODE.items()}
     kind = name or by_code.get(output.suffix.lower()) or seaid.export.by_suffix(output)
     allowed = [suffixes[kind]] if name else [".urdf", ".xml", ".usda", *by_code]
@@ -149,7 +141,7 @@ def _write_code(robot: seaid.Robot, output: Path, suffix: str) -> tuple[str, dic
     form = seaid.symbolic.rigid_body(robot)
     write = seaid.symbolic.export_c if suffix == ".c" else seaid.symbolic.export_numpy
     parameters = robot.parameters + robot.payload_parameters
-    written(output, suffix, lambda file: write(form, file, parameters))
+    write(form, output, parameters)
     content = {
         "joints": form.joint_names,
         "parameters": form.parameter_names,

@@ -5,19 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import seaid
-from seaid.cli.kinds import Band, JointNames, JsonFile, LogFile, RunFile
+from seaid.cli.kinds import Band, JsonFile, LogFile, Names, RunFile
 from seaid.cli.options import FailOptions, IdentifyOptions, JsonOptions, check_joints
 
 
 def frequency(
     options: IdentifyOptions,
-    logs: list[LogFile],
+    logs: tuple[LogFile, ...],
     *,
     run: RunFile | None = None,
     plan: JsonFile | None = None,
     period_s: float | None = None,
     band: Band | None = None,
-    of: JointNames | None = None,
+    of: Names | None = None,
     fail: FailOptions,
     result: JsonOptions,
 ) -> None:
@@ -56,23 +56,17 @@ def frequency(
         identification=None if saved is None else saved.identification,
     )
     facts = {"robot": robot.name, "warnings": response.warnings}
-    result.show(response.summary(), _facts(response), **facts)
+    result.show(response.summary(), _content(response), **facts)
     fail.check(response.warnings)
 
 
-def _facts(frf: seaid.frequency.FrequencyResponse) -> dict[str, Any]:
-    """Return the numbers of a response as JSON content; complex ones as size and phase."""
+def _content(frf: seaid.frequency.FrequencyResponse) -> dict[str, Any]:
+    """Return the numbers of a response as JSON content, its curve as size and phase."""
     import numpy as np
 
-    responses = {"response": frf.response, "model": frf.model, "identified": frf.identified}
-    content: dict[str, Any] = {
-        name: {"size": np.abs(curve), "phase_rad": np.angle(curve)}
-        for name, curve in responses.items()
-        if curve is not None
-    }
-    drives = {
-        joint: [{"name": name, **value} for name, value in seaid.export.values_of(drive).items()]
-        for joint, drive in frf.drives.items()
-    }
     names = ("joints", "period_s", "frequency_hz", "noise_std", "total_std", "coherence")
-    return {"drives": drives, **{name: getattr(frf, name) for name in names}, **content}
+    return {
+        "drives": {joint: seaid.export.values_of(drive) for joint, drive in frf.drives.items()},
+        **{name: getattr(frf, name) for name in names},
+        "response": {"size": np.abs(frf.response), "phase_rad": np.angle(frf.response)},
+    }

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import seaid
-from seaid.cli.kinds import ByJoint, Folder, LogFile, Names, check_log_files, check_robot_files
-from seaid.cli.options import JsonOptions, RobotOptions, by_joint
+from seaid.cli.kinds import ByJoint, Folder, LogFile, Names
+from seaid.cli.options import JsonOptions, RobotOptions, by_joint, check_distinct
 from seaid.errors import abridged
 
 
 def init(
     options: RobotOptions,
-    logs: list[LogFile],
+    logs: tuple[LogFile, ...],
     *,
     position_gain: ByJoint | None = None,
     velocity_gain: ByJoint = 0,
@@ -47,8 +47,7 @@ def init(
     seaid init arm.urdf no_header.csv --columns t,q,qd,tau
     seaid init arm.urdf run.csv --drives arm.toml --payload hand:1.5:0,0,0.05
     """
-    check_robot_files(options.urdf, options.drives)
-    check_log_files(logs)
+    check_distinct(*logs)
     project = seaid.write_first_project(
         options.urdf,
         logs,

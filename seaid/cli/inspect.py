@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-import typer
-
 import seaid
-from seaid.cli.kinds import JsonFile, LinkNames, SensorNames
-from seaid.cli.options import JsonOptions, RobotOptions
+from seaid.cli.kinds import Names
+from seaid.cli.options import JsonOptions, RobotOptions, refuse
 from seaid.errors import SeaidError
 
 _CHOICES = (
@@ -26,9 +23,8 @@ _CHOICES = (
 def inspect(
     options: RobotOptions,
     *,
-    sensors: SensorNames | None = None,
-    stance: list[LinkNames] | None = None,
-    plans: list[JsonFile] | None = None,
+    sensors: Names | None = None,
+    stance: tuple[Names, ...] = (),
     exact: bool = False,
     result: JsonOptions,
 ) -> None:
@@ -36,9 +32,8 @@ def inspect(
 
     Base parameters are the combinations of masses, first moments and inertias that determine the
     torques; no log determines more. The command lists the links whose inertia in the file is
-    physically inconsistent. Of planned motions it shows how well they excite the parameters: by the
-    condition number of columns of unit norm, and by D-efficiency over the first. Of a robot with a
-    floating base it shows what the stances determine, alone and together.
+    physically inconsistent. Of a robot with a floating base it
+    shows what the stances determine, alone and together.
 
     With --exact the exit code is 1 if numeric and exact base parameters differ: then angles in the
     file are rounded, or the robot is badly conditioned.
@@ -50,8 +45,6 @@ def inspect(
     stance
         Contacts of a floating base on the ground together, as FL,HR; air or hanging for none.
         Default: the air, each contact, and all.
-    plans
-        A planned motion, to measure.
     exact
         Compare numeric base parameters with exact ones, computed over the rationals.
 
@@ -59,19 +52,19 @@ def inspect(
     --------
     seaid inspect leg.urdf --drives leg.toml
     seaid inspect arm.urdf --joints shoulder,elbow --sensors motor_position,motor_torque
-    seaid inspect leg.urdf --drives leg.toml --plan plan.json --plan other.json
     seaid inspect arm.urdf --exact
     seaid inspect solo12 --base floating --contact FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT
     """
     robot = options.robot()
-    _check_base(robot, {"--sensors": sensors, "--plan": plans, "--stance": stance})
     tree = seaid.robot.reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
     facts = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent}
     if isinstance(robot, seaid.legged.FloatingRobot):
+        refuse("it is for a base that is held: choose stances with --stance", "sensors")
         content, text = _stance_content(robot, robot.floating_base.contact_links, stance)
     else:
-        content, text = _sensor_content(robot, sensors, plans)
+        refuse("it is for a floating base: add --base floating", "stance")
+        content, text = _sensor_content(robot, sensors)
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *text]
     comparison = None
     if exact:
@@ -87,29 +80,10 @@ def inspect(
         )
 
 
-_NOT_FLOATING = {
-    "--sensors": "a robot with a floating base has joint torques and the motion of its base: "
-    "leave --sensors out, and choose stances with --stance",
-    "--plan": "a planned motion is measured with a fixed base only: leave --plan out; seaid excite "
-    "--stance measures the motions that it plans for feet on the ground",
-}
-"""{option that is not for a floating base: what to do instead}."""
-_NOT_FIXED = {
-    "--stance": "the base of this robot is fixed: leave --stance out, or add --base floating"
-}
-
-
-def _check_base(robot: seaid.Robot, options: Mapping[str, object]) -> None:
-    """Raise BadParameter for one of the `options` that the base of the robot has not."""
-    for option, remedy in (_NOT_FIXED if robot.base_is_held else _NOT_FLOATING).items():
-        if options[option] is not None:
-            raise typer.BadParameter(remedy, param_hint=option)
-
-
 def _sensor_content(
-    robot: seaid.Robot, sensors: Sequence[str] | None, plans: list[Path] | None
+    robot: seaid.Robot, sensors: Sequence[str] | None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return base parameters, identifiability by sensors, and measures of plans, and as lines."""
+    """Return base parameters and identifiability by sensors, and both as lines."""
     base = seaid.base_parameters(robot)
     choices: tuple[tuple[str, ...], ...] = _CHOICES if sensors is None else (tuple(sensors),)
     cases = {", ".join(choice): seaid.identifiability(robot, choice) for choice in choices}  # type: ignore[arg-type]
@@ -124,9 +98,6 @@ def _sensor_content(
     if commands:
         content["commands"] = list(commands)
         text += ["\nPosition commands:", *(f"  {x}" for x in commands)] if sensors is None else []
-    if plans:
-        content["plans"], lines = _measured(robot, plans)
-        text += ["\nExcitation by planned motions:", *lines]
     return content, text
 
 
@@ -134,7 +105,7 @@ _AGREES = {True: "agrees", False: "does NOT agree"}
 
 
 def _stance_content(
-    robot: seaid.Robot, links: Sequence[str], asked_stances: list[list[str]] | None
+    robot: seaid.Robot, links: Sequence[str], asked_stances: Sequence[list[str]]
 ) -> tuple[dict[str, Any], list[str]]:
     """Return what stances of a floating base determine, alone and together, and as lines."""
     usual = [["air"], *([link] for link in links), links] if links else [["air"]]
@@ -160,17 +131,6 @@ def _stances(asked: Sequence[Sequence[str]]) -> dict[str, Sequence[str]]:
     by_word: dict[str, Sequence[str]] = {seaid.robot.HANGING: seaid.robot.HANGING, "air": []}
     texts = [",".join(links) for links in asked]
     return {text: by_word.get(text, text.split(",")) for text in texts}
-
-
-def _measured(robot: seaid.Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str]]:
-    """Return the measures of planned motions as JSON content and as lines."""
-    measures_of = seaid.excitation.excitation_measures
-    every = [measures_of(robot, seaid.load_trajectory(path)) for path in plans]
-    content = {
-        str(path): {**asdict(measures), "d_efficiency": every[0].d_efficiency(measures)}
-        for path, measures in zip(plans, every, strict=True)
-    }
-    return content, [f"  {line}" for line in seaid.report.measure_lines([*map(str, plans)], every)]
 
 
 def _joint_facts(robot: seaid.Robot) -> list[dict[str, Any]]:

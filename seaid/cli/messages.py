@@ -1,34 +1,26 @@
-"""Output of the commands: results on stdout, notes and errors in one line each on stderr.
-
-The streams may be closed or full, or lack some characters.
-"""
+"""Output of the commands: results on stdout, notes and errors in one line each on stderr."""
 
 from __future__ import annotations
 
-import errno
-import io
 import json
-import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, TextIO
+from typing import Any
 
-import typer
+import click
 
-from seaid.errors import SeaidError, SeaidWarning, reason_of
+from seaid.errors import SeaidError, SeaidWarning
 
 _OPTIONS = {
     "payloads=": "--payload",
     "known_bodies=": "--known-body",
     "known_bodies:": "--known-body:",
-    "condition_specific=": "--specific",
     "independent_mimics=True": "--independent-mimics",
     "repair=seaid.Repairs()": "--repair",
     "seaid.describe_log": "seaid describe",
@@ -55,19 +47,13 @@ class _Call:
     has_result: bool = False
 
 
-class MovedError(SeaidError):
-    """A former command: wrong usage, for which one line names what to write now."""
-
-
 _CALL: ContextVar[_Call] = ContextVar("_CALL")
 _CALL.set(_Call())
 
 
 def begin(command: str, arguments: Sequence[str]) -> None:
     """Note which command runs, so that errors in its arguments can be JSON too."""
-    # Behind "--" all words are arguments, also "--json".
-    leading = list(arguments)[: list(arguments).index("--")] if "--" in arguments else arguments
-    _CALL.set(_Call(command, "--json" in leading))
+    _CALL.set(_Call(command, "--json" in arguments))
 
 
 def note(text: str) -> None:
@@ -75,12 +61,12 @@ def note(text: str) -> None:
     call, line = _CALL.get(), " ".join(text.split())
     if line not in call.notes:
         call.notes.append(line)
-        typer.echo(f"note: {line}", err=True)
+        click.echo(f"note: {line}", err=True)
 
 
 @contextmanager
 def reported() -> Iterator[None]:
-    """Print warnings of seaid as `note:` lines, and errors as `error:` with their exit code."""
+    """Print warnings of seaid as `note:` lines, and errors in one line, as JSON too if asked."""
 
     def noted(message: Warning | str, category: type[Warning], *place: Any) -> None:
         if issubclass(category, SeaidWarning):
@@ -94,25 +80,15 @@ def reported() -> Iterator[None]:
         warnings.showwarning = noted  # type: ignore[assignment]
         try:
             yield
-        except SeaidError as problem:
-            code = 2 if isinstance(problem, MovedError) else 1
-            _print_error_json(error_text(problem), code)
-            typer.echo(f"error: {error_text(problem)}", err=True)
-            raise typer.Exit(code) from None
-        except _USAGE_ERROR as problem:
-            _print_error_json(problem.format_message(), problem.exit_code)
-            raise
-
-
-_USAGE_ERROR: Any = typer.BadParameter.__mro__[1]
-"""What Typer raises for wrong usage, which it does not export."""
-
-
-def _print_error_json(message: str, exit_code: int) -> None:
-    """Print an error as JSON on stdout if the command has --json and printed no result."""
-    call = _CALL.get()
-    if call.as_json and not call.has_result:
-        typer.echo(_json(envelope(error={"message": message, "exit_code": exit_code})))
+        except (SeaidError, click.ClickException) as problem:
+            error = problem
+            if isinstance(error, SeaidError):
+                error = click.ClickException(error_text(error))
+            call = _CALL.get()
+            if call.as_json and not call.has_result:
+                facts = {"message": error.format_message(), "exit_code": error.exit_code}
+                click.echo(_json(envelope(error=facts)))
+            raise error from None
 
 
 def envelope(**facts: Any) -> dict[str, Any]:
@@ -171,98 +147,15 @@ def show(text: str, result: Any, as_json: bool, *paths: Path | None, **facts: An
     """Print the text for people, or the result as JSON for machines, on stdout.
 
     `facts` are robot, verdict and warnings of the `envelope`. The last line names the files of the
-    results. It is on stderr if stdout is JSON; so is the text if a result is on stdout itself.
+    results, on stderr if stdout is JSON.
     """
-    files = [path for path in paths if path is not None and not is_stdout(path)]
-    to_stderr = any(path is not None and is_stdout(path) for path in paths)
-    if as_json:
-        text = _json(envelope(result=result, files=files, **facts))
-    typer.echo(text, err=to_stderr)
+    files = [path for path in paths if path is not None]
+    click.echo(_json(envelope(result=result, files=files, **facts)) if as_json else text)
     _CALL.get().has_result = True
     if files:
-        typer.echo(f"Results: {', '.join(map(str, files))}", err=as_json or to_stderr)
-
-
-def is_stdout(path: Path | None) -> bool:
-    """Return whether `-o -` asks for a result on stdout."""
-    return str(path) == "-"
-
-
-def written(path: Path | None, suffix: str, write: Callable[[Path], Any]) -> Any:
-    """Return what `write` returns after it wrote a result: to `path`, or for `-` to stdout.
-
-    Nothing is written, and None returned, without a path.
-    """
-    if path is None or not is_stdout(path):
-        return None if path is None else write(path)
-    with TemporaryDirectory() as folder:
-        result = write(file := Path(folder, f"result{suffix}"))
-        typer.echo(file.read_bytes().decode(), nl=False)
-    return result
+        click.echo(f"Results: {', '.join(map(str, files))}", err=as_json)
 
 
 def is_terminal() -> bool:
     """Return whether to show progress: stderr is a terminal."""
     return sys.stderr.isatty()
-
-
-def check_outputs(*paths: Path | None, force: bool, read: Iterable[Path | None]) -> None:
-    """Check before a long computation that the results can be written.
-
-    Raises SeaidError for an existing file (unless `force`), a file that is `read`, a folder, and a
-    path that cannot be written.
-    """
-    from seaid._files import is_replaced, real_path, result_folder
-
-    sources = {real_path(path) for path in filter(None, read)}
-    for path in filter(None, paths):
-        if is_stdout(path):
-            continue
-        target = real_path(path)
-        if target in sources:
-            raise SeaidError(f"'{path}' is read by this command: name another file for the results")
-        if os.path.isdir(target):
-            raise SeaidError(f"'{path}' is a folder: name a file in it")
-        replaced = is_replaced(path)
-        if replaced and not force:
-            raise SeaidError(f"'{path}' is there already: name another file, or add --force")
-        if replaced or not path.exists():  # not for a device or a pipe
-            result_folder(target.parent)
-
-
-@contextmanager
-def safe_streams() -> Iterator[None]:
-    """Run a command; if its output cannot be written, end it with exit code 1 and one line.
-
-    A closed pipe (`| head -1`) prints no error. Characters that the encoding of the output lacks,
-    and undecodable bytes of paths, are written as escapes.
-    """
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:  # closed by the caller
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
-        elif isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-    out, err = sys.stdout, sys.stderr
-    try:
-        try:
-            yield
-        finally:
-            out.flush()
-    except OSError as problem:
-        if problem.filename is not None:  # of a file, which has a message of its own
-            raise
-        if problem.errno != errno.EPIPE:
-            with suppress(OSError):
-                print(f"error: cannot write the output: {reason_of(problem)}", file=err)
-        for stream in (out, err):
-            _silence(stream)
-        sys.exit(1)
-
-
-def _silence(stream: TextIO) -> None:
-    """Redirect a stream to nowhere, because Python flushes it at exit."""
-    with suppress(OSError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)

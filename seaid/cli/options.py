@@ -15,24 +15,24 @@ feasible
 verbose
     Print base parameters, processing and checks as well.
 output
-    File for the result; - for stdout.
+    File for the result.
 """
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
-import typer
+import click
 
 import seaid
 from seaid.cli import kinds
-from seaid.cli.kinds import check_log_files, check_robot_files, text_of
-from seaid.cli.messages import check_outputs, is_stdout, is_terminal, note, show
+from seaid.cli.messages import is_terminal, note, show
 from seaid.cli.project import is_typed, project_here, warn_of_changes
 from seaid.cli.signature import option_name
 from seaid.errors import SEVERITIES, SeaidError, Severity, by_severity, unknown_name
@@ -72,20 +72,20 @@ class RobotOptions:
     urdf: kinds.UrdfFile
     _: KW_ONLY
     drives: kinds.TomlFile | None = None
-    joints: kinds.JointNames | None = None
+    joints: kinds.Names | None = None
     locked: kinds.Positions | None = None
-    payload: list[kinds.LinkPayload] | None = None
+    payload: tuple[kinds.LinkPayload, ...] = ()
     gravity: kinds.Vector = (0.0, 0.0, -9.81)
     independent_mimics: bool = False
     base: Literal["fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"] = "fixed"
-    contact: list[kinds.Contacts] | None = None
+    contact: tuple[kinds.Contacts, ...] = ()
     imu_link: str | None = None
 
     @property
     def files(self) -> tuple[Path, ...]:
         """The files of these options, which a command reads; a saved run is none of them."""
         values = [value for name, value in vars(self).items() if name != "run"]
-        every = chain(*(value if isinstance(value, list) else [value] for value in values))
+        every = chain(*(value if isinstance(value, tuple) else [value] for value in values))
         return tuple(value for value in every if isinstance(value, Path))
 
     def keywords_of_robot(self) -> dict[str, Any]:
@@ -94,13 +94,12 @@ class RobotOptions:
         return {
             **{name: getattr(self, name) for name in names},
             "locked": self.locked or {},
-            "payloads": self.payload or (),
-            "contacts": [*chain(*(self.contact or ()))],
+            "payloads": self.payload,
+            "contacts": [*chain(*self.contact)],
         }
 
     def robot(self, known_bodies: Sequence[str] | None = None) -> seaid.Robot:
         """Load the robot."""
-        check_robot_files(self.urdf, self.drives)
         return seaid.load_robot(
             self.urdf,
             known_bodies=known_bodies or (),
@@ -129,10 +128,10 @@ class LogOptions(RobotOptions):
         Find contacts without a flag from torques and motion.
     """
 
-    known_body: list[kinds.Link] | None = None
+    known_body: tuple[kinds.Link, ...] = ()
     description: kinds.TomlFile | None = None
     repair: bool = False
-    torque_joints: kinds.JointNames | None = None
+    torque_joints: kinds.Names | None = None
     cutoff_hz: float | None = None
     find_contacts: bool = False
 
@@ -189,17 +188,18 @@ class IdentifyOptions(LogOptions):
         return saved_run
 
     def recorded(self, logs: Sequence[Path], **more: Any) -> dict[str, Any]:
-        """Return all options that are given or have a default, as the command line has them.
+        """Return the options that are not at their defaults, and the logs, as plain data.
 
         `more` are the options that only the command has. The project file, if there is one, has how
         its logs are read.
         """
+        from seaid._files import plain
+
         project = project_here()
-        values = {option.name: getattr(self, option.name) for option in fields(IdentifyOptions)}
-        values |= {"contact": [*chain(*(self.contact or ()))], "logs": logs}
-        values |= {"project": project and project.file, **more}
-        texts = {name: _recorded(name, value) for name, value in values.items()}
-        return {name: text for name, text in texts.items() if text is not None}
+        every = {x.name: (getattr(self, x.name), x.default) for x in fields(IdentifyOptions)}
+        values = {name: value for name, (value, usual) in every.items() if value != usual}
+        values |= {"logs": logs, "project": project and project.file, **more}
+        return {name: plain(x) for name, x in values.items() if x is not None and x is not False}
 
     def keywords(self) -> dict[str, Any]:
         """Return the keyword arguments that `seaid.identify` and `cross_validate` share."""
@@ -208,24 +208,6 @@ class IdentifyOptions(LogOptions):
         known_std = std if isinstance(std, Mapping) else {"torque": std}
         choices = {name: getattr(self, name) for name in names}
         return {**choices, "known_std": known_std, "progress": is_terminal()}
-
-
-_REPEATED: dict[str, Callable[[Any], str]] = {
-    "payload": kinds.payload_text,
-    "contact": kinds.contact_text,
-    "known_body": str,
-    "logs": str,
-}
-"""{option that may be repeated: function that returns one of its values as text}."""
-
-
-def _recorded(name: str, value: Any) -> Any:
-    """Return the value of an option as the command line has it, None if it is not given."""
-    if name in _REPEATED:
-        return [*map(_REPEATED[name], value or ())] or None
-    if value is None or value is False:
-        return None
-    return value if isinstance(value, int | float) else text_of(value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,7 +222,7 @@ class IdentifiedOptions(IdentifyOptions):
         Saved run in place of URDF and --from: nothing is identified again.
     """
 
-    from_logs: list[kinds.LogFile] | None = None
+    from_logs: tuple[kinds.LogFile, ...] = ()
     run: kinds.RunFile | None = None
 
     def identified_run(self, *, feasible: bool = False) -> seaid.project.Run:
@@ -252,7 +234,7 @@ class IdentifiedOptions(IdentifyOptions):
         if not both and (saved := self.saved(self.run, "from_logs")) is not None:
             return saved
         if both or not self.from_logs:
-            raise typer.BadParameter("give one of the two", param_hint="--from, --run")
+            raise click.BadParameter("give one of the two", param_hint="--from, --run")
         robot = self.robot()
         logs = self.logs(self.from_logs, robot)
         identification = seaid.identify(robot, logs, feasible=feasible, **self.keywords())
@@ -291,10 +273,27 @@ class ResultOptions(JsonOptions):
     force: bool = False
 
     def check(self, *paths: Path | None, read: Iterable[Path | None]) -> None:
-        """Raise SeaidError before a long computation if a result cannot be written."""
-        if self.as_json and any(map(is_stdout, paths)):
-            raise typer.BadParameter("stdout has the JSON: name a file", param_hint="--output")
-        check_outputs(*paths, force=self.force, read=read)
+        """Raise SeaidError before a long computation if a result cannot be written.
+
+        That is an existing file without --force, a file that is `read`, a folder, and a path that
+        cannot be written.
+        """
+        from seaid._files import is_replaced, real_path, result_folder
+
+        sources = {real_path(path) for path in filter(None, read)}
+        for path in filter(None, paths):
+            target = real_path(path)
+            if str(path) == "-":
+                raise SeaidError("'-' is no file: name one; --json prints the result on stdout")
+            if target in sources:
+                raise SeaidError(f"'{path}' is read by this command: name another file")
+            if os.path.isdir(target):
+                raise SeaidError(f"'{path}' is a folder: name a file in it")
+            replaced = is_replaced(path)
+            if replaced and not self.force:
+                raise SeaidError(f"'{path}' is there already: name another file, or add --force")
+            if replaced or not path.exists():  # not for a device or a pipe
+                result_folder(target.parent)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -317,7 +316,7 @@ class FailOptions:
         if severity is not None:
             failing = SEVERITIES[: SEVERITIES.index(severity) + 1]
             if any(finding.severity in failing for finding in warnings):
-                raise typer.Exit(3)
+                click.get_current_context().exit(3)
 
 
 def command_line() -> tuple[str, ...]:
@@ -328,7 +327,7 @@ def command_line() -> tuple[str, ...]:
 def refuse(reason: str, *names: str) -> None:
     """Raise BadParameter with a `reason` for those of the parameters that are on the line."""
     if typed := [option_name(name) for name in names if is_typed(name)]:
-        raise typer.BadParameter(reason, param_hint=", ".join(typed))
+        raise click.BadParameter(reason, param_hint=", ".join(typed))
 
 
 def check_joints(option: str, joints: Iterable[str] | None, robot: seaid.Robot) -> None:
@@ -354,7 +353,7 @@ def logs_of(
 
     A description or a repair of the command line takes precedence.
     """
-    check_log_files(paths, description)
+    check_distinct(*paths)
     project = project_here()
     known = {log.path: log for log in (project.logs if project else ())}
     return [
@@ -363,14 +362,18 @@ def logs_of(
     ]
 
 
-def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path] | None) -> None:
-    """Raise SeaidError for a validation log that is also used for the identification."""
+def check_distinct(*logs: Path) -> None:
+    """Raise SeaidError for a log that is given twice, to identify from or to validate on."""
     from seaid._files import real_path
 
-    known = {real_path(path) for path in from_logs or ()}
-    for log in unseen:
-        if real_path(log) in known:
-            raise SeaidError(f"'{log}' is used for the identification: validate on another log")
+    seen: set[Path] = set()
+    for log in logs:
+        if real_path(log) in seen:
+            raise SeaidError(
+                f"'{log}' is given twice, which would count its samples twice: name each log once, "
+                "and validate on another"
+            )
+        seen.add(real_path(log))
 
 
 def judgement_of(

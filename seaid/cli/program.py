@@ -1,6 +1,10 @@
-"""The program `seaid`: the command line with safe streams."""
+"""The program `seaid`: the command line, whose streams may be closed, full, or lack characters."""
 
 from __future__ import annotations
+
+import io
+import sys
+from contextlib import suppress
 
 _COLLECT_AFTER = (500_000, 20, 20)
 """Objects between collections of garbage: an import makes many and drops none, 0.2 s otherwise."""
@@ -12,7 +16,16 @@ def main() -> None:
 
     gc.set_threshold(*_COLLECT_AFTER)
     from seaid.cli.commands import app
-    from seaid.cli.messages import safe_streams
+    from seaid.errors import reason_of
 
-    with safe_streams():
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    try:
         app(prog_name="seaid")
+    except OSError as problem:
+        with suppress(OSError):
+            print(f"Error: cannot write the output: {reason_of(problem)}", file=sys.stderr)
+        # Python flushes both streams at its exit, which would fail again.
+        sys.stdout = sys.stderr = None
+        sys.exit(1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import seaid
 from seaid.cli.kinds import LogFile, ModelFile, Page
-from seaid.cli.messages import written
 from seaid.cli.options import FailOptions, IdentifiedOptions, ResultOptions, judgement_of
 
 
@@ -48,7 +47,8 @@ def replay(
     (measured,) = options.logs([log], fit.known)
     comparison = seaid.compare_replays(before, fit.robot, measured, fit.unusable_joints)
     tests = [*run.validations.values()]
-    written(output, ".html", lambda file: seaid.write_report(fit, file, tests, replays=comparison))
+    if output is not None:
+        seaid.write_report(fit, output, tests, replays=comparison)
     facts = judgement_of(fit, *tests, comparison)
     result.show(comparison.summary(), {"log": str(log), **comparison.to_dict()}, output, **facts)
     fail.check(comparison.warnings)

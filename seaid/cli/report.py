@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+
+import click
 
 import seaid
 from seaid.cli.kinds import JsonFile, LogFile, Page
-from seaid.cli.messages import written
 from seaid.cli.options import (
     IdentifiedOptions,
     ResultOptions,
-    check_validation_logs,
+    check_distinct,
     judgement_of,
-    refuse,
 )
 from seaid.cli.project import is_typed
 
@@ -23,8 +22,8 @@ def report(
     options: IdentifiedOptions,
     *,
     output: Page = Path("report.html"),
-    validation: list[LogFile] | None = None,
-    multisine: list[LogFile] | None = None,
+    validation: tuple[LogFile, ...] = (),
+    multisine: tuple[LogFile, ...] = (),
     plan: JsonFile | None = None,
     feasible: bool = False,
     result: ResultOptions,
@@ -33,8 +32,8 @@ def report(
 
     The page opens offline in any browser: verdict and flags, tables with confidence intervals,
     zoomable traces, checks, and the conditions of the experiment. Without --validate the report has
-    no validation section and says so. With --multisine it has measured and
-    computed frequency responses.
+    no validation section and says so. With --multisine it has measured and computed frequency
+    responses.
 
     Parameters
     ----------
@@ -54,24 +53,24 @@ def report(
     seaid report --run runs/latest --validate third.csv
     seaid report --run runs/latest --multisine sine.csv --plan sine.json
     """
-    unseen = validation or []
-    check_validation_logs(unseen, options.from_logs)
-    if not multisine:
-        refuse("a plan needs its --multisine", "plan")
-    result.check(output, read=(*options.files, *unseen, *(multisine or ()), plan))
+    check_distinct(*validation, *options.from_logs)
+    if plan is not None and not multisine:
+        raise click.BadParameter("needs the logs that followed it, --multisine", param_hint="--plan")
+    result.check(output, read=(*options.files, *validation, *multisine, plan))
     run = options.identified_run(feasible=feasible)
     fit = run.identification
     facts = seaid.project.facts_of(run.provenance)
     results, replays = dict(run.validations), list(run.replays.values())
     # --validate replaces the validations of a saved run, and the notes on its logs.
     if is_typed("validation") or not results:
-        facts |= _facts_of_tests(unseen)
-        results, replays = _tested(options, fit, unseen)
-    response = _response(options, fit, multisine, plan) if multisine else None
+        facts |= _facts_of_tests(validation)
+        results, replays = _tested(options, fit, validation)
     every = list(results.values())
     notes = () if is_typed("validation") else run.provenance.get("notes", ())
-    more: dict[str, Any] = {"replays": replays, "frequency": response, "notes": notes}
-    written(output, ".html", lambda file: seaid.write_report(fit, file, every, facts=facts, **more))
+    response = _response(options, fit, multisine, plan) if multisine else None
+    seaid.write_report(
+        fit, output, every, facts=facts, replays=replays, frequency=response, notes=notes
+    )
     content = {"validations": [test.to_dict() for test in every]}
     judged = judgement_of(fit, *every, *replays)
     text = [

@@ -6,7 +6,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import typer
+import click
 
 import seaid
 from seaid.cli.kinds import ProjectFile
@@ -21,7 +21,7 @@ def run(
     *,
     fail: FailOptions,
     executor: str | None = None,
-    open_report: bool = False,
+    open_browser: bool = False,
     verbose: bool = False,
     result: JsonOptions,
 ) -> None:
@@ -38,7 +38,7 @@ def run(
         The project file, its folder, or a folder with projects below it.
     executor
         Of several projects: dask:ADDRESS of the scheduler of a Dask cluster.
-    open_report
+    open_browser
         Open the report in the browser.
 
     Examples
@@ -49,7 +49,7 @@ def run(
     seaid run robots --executor dask:tcp://10.0.0.1:8786
     """
     if seaid.project.find_projects(project):
-        refuse("it is for one project", "open_report", "verbose")
+        refuse("it is for one project", "open_browser", "verbose")
         _run_all(project, executor, fail, result)
         return
     refuse("it is for a folder with several projects", "executor")
@@ -61,8 +61,8 @@ def run(
         note(text)
     result.show(_text(done, verbose), _content(done), done.folder, **_facts(done))
     report = done.folder / "report.html"
-    if open_report and report.exists():
-        typer.launch(report.resolve().as_uri())
+    if open_browser and report.exists():
+        click.launch(report.resolve().as_uri())
     fail.check(done.warnings, default=loaded.fail_on)
 
 
@@ -77,7 +77,7 @@ def _run_all(folder: Path, executor: str | None, fail: FailOptions, result: Json
     header = ["project", "verdict", "report, or what is wrong"]
     result.show(seaid.report.table("Projects", header, rows), {"projects": outcomes})
     if any(outcome.error for outcome in outcomes):
-        raise typer.Exit(1)
+        click.get_current_context().exit(1)
     for outcome in outcomes:
         fail.check(outcome.warnings, default=outcome.fail_on)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import seaid
 from seaid.cli.kinds import ByJoint, JsonFile, Temperatures, WrittenLog
-from seaid.cli.messages import is_terminal, written
+from seaid.cli.messages import is_terminal
 from seaid.cli.options import ResultOptions, RobotOptions, by_joint
 from seaid.cli.signature import option_name
 
@@ -90,7 +90,7 @@ def simulate(
         temperature_degC=temperature or None,
         progress=is_terminal(),
     )
-    written(output, ".csv", lambda file: seaid.write_log(log, file))
+    seaid.write_log(log, output)
     content = {"samples": len(log.time), "joints": log.joint_names}
     text = f"{len(log.time)} samples of {', '.join(log.joint_names)}, {log.time[-1]:.4g} s"
     result.show(text, content, output, robot=robot.name)

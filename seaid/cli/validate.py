@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
 import seaid
-from seaid.cli.kinds import Kind, LogFile
-from seaid.cli.messages import written
+from seaid.cli.kinds import JsonFile, LogFile
 from seaid.cli.options import (
     IdentifiedOptions,
     ResultOptions,
-    check_validation_logs,
+    check_distinct,
     judgement_of,
     refuse,
 )
@@ -21,11 +19,11 @@ from seaid.cli.options import (
 
 def validate(
     options: IdentifiedOptions,
-    logs: list[LogFile],
+    logs: tuple[LogFile, ...],
     *,
     cross: bool = False,
     parts: int = 4,
-    output: Annotated[Path, Kind("FILE")] | None = None,
+    output: JsonFile | None = None,
     result: ResultOptions,
 ) -> None:
     """Identify from some logs, or load a run, and predict the torques of another log.
@@ -60,19 +58,20 @@ def validate(
         return
     refuse("it needs --cross", "parts")
     if len(logs) > 1:
-        raise typer.BadParameter("give one log, or add --cross", param_hint="LOG")
-    check_validation_logs(logs, options.from_logs)
+        raise click.BadParameter("give one log, or add --cross", param_hint="LOG")
+    check_distinct(*logs, *options.from_logs)
     result.check(output, read=(*options.files, *logs))
     fit = options.identified_run().identification
     (unseen,) = options.logs(logs, fit.known)
     validation = seaid.validate(fit, unseen)
-    written(output, ".json", lambda file: seaid.write_parameters(fit, file, validation))
+    if output is not None:
+        seaid.write_parameters(fit, output, validation)
     text = [validation.summary(), *seaid.report.warning_lines(fit.warnings)]
     result.show("\n".join(text), validation.to_dict(), output, **judgement_of(fit, validation))
 
 
 def _cross_validate(
-    options: IdentifiedOptions, logs: list[Path], parts: int, result: ResultOptions
+    options: IdentifiedOptions, logs: tuple[Path, ...], parts: int, result: ResultOptions
 ) -> None:
     """Print the prediction of each log, or part, by the model identified from all the others."""
     robot = options.robot()

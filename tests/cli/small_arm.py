@@ -4,7 +4,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import seaid
 from seaid.cli.commands import app
@@ -67,8 +67,8 @@ def refused(*arguments: str | Path) -> str:
     said = run(*arguments)
     lines = said.err.splitlines()
     assert said.code == 1
-    assert lines[-1].startswith("error: ")
-    assert not any(line.startswith("error: ") for line in lines[:-1])
+    assert lines[-1].startswith("Error: ")
+    assert not any(line.startswith("Error: ") for line in lines[:-1])
     return lines[-1]
 
 

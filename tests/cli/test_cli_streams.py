@@ -29,7 +29,7 @@ def shell(line: str, folder: Path, **environment: str) -> tuple[int, bytes, byte
 
 def test_full_output_is_said_in_one_line(tmp_path: Path) -> None:
     code, _, error = shell("seaid describe --help > /dev/full", tmp_path)
-    assert (code, error) == (1, b"error: cannot write the output: No space left on device\n")
+    assert (code, error) == (1, b"Error: cannot write the output: No space left on device\n")
 
 
 @pytest.mark.slow  # 1.7 s
@@ -62,7 +62,7 @@ def test_a_path_that_is_no_text_is_read_and_named(tmp_path: Path) -> None:
     line = "seaid inspect $'caf\\xe9.urdf'; seaid inspect $'no\\xe9.urdf' >&2"
     code, out, error = shell(line, tmp_path, PYTHONIOENCODING="utf-8:strict")
     assert out.startswith(b"tulip_leg: ")
-    assert error.startswith(b"error: no URDF file at 'no\\udce9.urdf' (working folder ")
+    assert error.startswith(b"Error: no URDF file at 'no\\udce9.urdf' (working folder ")
     assert (code, error.count(b"\n")) == (1, 1)
 
 

@@ -1,16 +1,12 @@
 """Each command is the call of the library that it stands for, as text, as JSON and on stdout."""
 
-import ast
 import json
-import re
 import runpy
-import tomllib
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -20,7 +16,6 @@ from seaid._files import plain
 from seaid.cli.commands import COMMANDS, command_of
 from seaid.export import content_of
 from tests.cli.small_arm import done, log_of, refused, robot_and_drives, robot_of, run
-from tests.representatives import quick_only
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -36,22 +31,10 @@ def identified(arm: Path, name: str = "run.csv") -> seaid.Identification:
     return seaid.identify(robot_of(arm), log_of(arm, name))
 
 
-def conditions(arm: Path) -> dict[str, Any]:
-    robot, logs = robot_of(arm), {"a": log_of(arm), "b": log_of(arm, "other.csv")}
-    pairs = {name: (robot, log) for name, log in logs.items()}
-    found = seaid.identify_conditions(pairs, condition_specific=("viscous_friction",))
-    each = {name: content_of(one) for name, one in found.identifications.items()}
-    names = [{"parameter": str(name)} for name in found.differences]
-    return {"conditions": each, "differences": names}
-
-
 def comparison(arm: Path) -> dict[str, Any]:
-    runs = (seaid.project.load_run(arm / f"{name}.npz").identification for name in ("run", "other"))
-    found = seaid.report.comparison_of(*runs, names=("run", "other"))
-    keys = ("name", "first", "second_error", "change", "significance", "p_value", "is_significant")
-    rows = [{key: getattr(row, key) for key in keys} for row in found.differences]
-    groups = {name: {"chi_square": one.chi_square} for name, one in found.groups.items()}
-    return {"names": found.names, "differences": rows, "groups": groups}
+    files = (arm / "run.npz", arm / "other.npz")
+    runs = [seaid.project.load_run(file).identification for file in files]
+    return asdict(seaid.report.comparison_of(*runs, names=("run.npz", "other.npz")))
 
 
 def inspected(arm: Path) -> dict[str, Any]:
@@ -69,15 +52,6 @@ def inspected(arm: Path) -> dict[str, Any]:
     }
 
 
-def measures(arm: Path) -> dict[str, Any]:
-    files = ("run_plan.json", "other_plan.json")
-    plans = [seaid.load_trajectory(arm / file) for file in files]
-    first, other = (seaid.excitation.excitation_measures(robot_of(arm), plan) for plan in plans)
-    efficiency = first.d_efficiency(other)
-    values = {"d_value": other.d_value, "d_efficiency": efficiency}
-    return {"plans": {files[0]: {"d_value": first.d_value}, files[1]: values}}
-
-
 def in_pieces(arm: Path) -> dict[str, Any]:
     found = seaid.identify(robot_of(arm), str(arm / "run.csv"), method="two-step")
     return content_of(found)
@@ -85,10 +59,7 @@ def in_pieces(arm: Path) -> dict[str, Any]:
 
 def responded(arm: Path) -> dict[str, Any]:
     found = seaid.frequency_response(robot_of(arm), log_of(arm), band_hz=(0.3, 5.0))
-    drives = {
-        joint: [{"name": x, "value": v} for x, v in zip(one.names, one.values, strict=True)]
-        for joint, one in found.drives.items()
-    }
+    drives = {joint: seaid.export.values_of(one) for joint, one in found.drives.items()}
     return {"drives": drives, "frequency_hz": found.frequency_hz}
 
 
@@ -121,7 +92,6 @@ FROM = "arm.urdf other.csv --from run.csv --drives arm.toml"
 LINES: dict[str, tuple[str, str, Library]] = {
     "inspect": (ARM, "", inspected),
     "inspect --exact": ("arm.urdf", "", lambda _: {"exact": {"agree": True}}),
-    "inspect --plan run_plan.json": (f"{ARM} --plan other_plan.json", "", measures),
     "excite": ("arm.urdf --duration 2 --starts 1 --iterations 3", "json", lambda _: {}),
     "simulate": ("arm.urdf short_plan.json --drives arm.toml", "csv", lambda _: {}),
     "describe": (
@@ -160,11 +130,6 @@ LINES: dict[str, tuple[str, str, Library]] = {
         lambda arm: content_of(seaid.refine(identified(arm), log_of(arm))),
     ),
     "identify --in-pieces": (f"{LOG} --method two-step", "json", in_pieces),
-    "identify --condition a=run.csv": (
-        f"{ARM} --condition b=other.csv --specific viscous_friction",
-        "json",
-        conditions,
-    ),
     "frequency": (f"{LOG} --band 0.3,5", "", responded),
     "validate": (
         FROM,
@@ -201,14 +166,6 @@ VERDICTS = (
 """Lines whose result is judged."""
 
 KEYS = ["format", "command", "robot", "verdict", "warnings", "notes", "result", "files", "error"]
-READ: dict[str, Callable[[str], object]] = {
-    "json": json.loads,
-    "toml": tomllib.loads,
-    "urdf": ElementTree.fromstring,
-    "csv": lambda text: np.loadtxt(text.splitlines(), delimiter=",", skiprows=1),
-    "html": str.split,
-    "py": ast.parse,
-}
 
 
 def check_part(found: Any, part: Any, place: str = "result") -> None:
@@ -262,32 +219,6 @@ def test_a_command_is_the_call_of_the_library(
     assert {*arm.iterdir()} == before
 
 
-@pytest.mark.parametrize(
-    "command",
-    quick_only(
-        [name for name, (_, suffix, _) in LINES.items() if suffix],
-        ["simulate", "describe", "identify", "export --format python"],
-    ),
-)
-def test_a_result_on_stdout_is_that_of_the_file(
-    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
-    """With `-o -` the text goes to stderr."""
-    monkeypatch.chdir(arm)
-    arguments, suffix, _ = LINES[command]
-    line, file = [*command.split(), *arguments.split()], tmp_path / f"out.{suffix}"
-    done(*line, "-o", file)
-    printed = done(*line, "-o", "-")
-    if command != "report":
-        written = [re.sub(r"\d\d:\d\d UTC", "", x) for x in (printed.out, file.read_text())]
-        assert written[0].rstrip("\n") == written[1].rstrip("\n")
-    READ[LINES[command][1]](printed.out)
-    assert "Results: " not in printed.out + printed.err
-    said = run(*line, "-o", "-", "--json")
-    assert said.code == 2
-    assert "stdout has the JSON: name a file" in said.err
-
-
 @pytest.mark.slow  # a command with a robot each
 def test_files_of_a_command_are_those_of_the_library(arm: Path, tmp_path: Path) -> None:
     """Logs with errors of encoders, plans within limits, and code with payloads."""
@@ -338,29 +269,12 @@ def test_a_late_channel_is_corrected(arm: Path, tmp_path: Path) -> None:
     late[5:, 0] = late[:-5, 0]  # the motor encoder of the shoulder is 5 ms late
     seaid.write_log(replace(log, motor_position=late), tmp_path / "late.csv")
     line = ("check", *robot_and_drives(arm), tmp_path / "late.csv", "--delays")
-    assert "is 5" in done(*line, "--largest-s", "0.02", "-o", output).out
+    assert "is 5" in done(*line, "-o", output).out
     corrected = seaid.read_log(output, robot)
     part = slice(400, 900)
     true = np.interp(corrected.time[part], log.time, log.motor_position[:, 0])
     error = corrected.motor_position[part, 0] - true
     assert np.max(np.abs(error)) < 0.05 * np.ptp(true)
-
-
-@pytest.mark.slow  # simulates the arm with its load, and identifies two pairs of logs
-def test_a_condition_has_its_own_payload(arm: Path, tmp_path: Path) -> None:
-    load = "lower:0.4:0.1,0,0"
-    log, drives = tmp_path / "loaded.csv", robot_and_drives(arm)
-    done("simulate", *drives, arm / "other_plan.json", "--payload", load, "-o", log)
-    both = ("--condition", f"bare={arm / 'run.csv'}", "--condition", f"loaded={log}")
-    line = ("identify", *drives, *both, "--specific", "", "--condition-payload", f"loaded={load}")
-    payload = seaid.Payload("lower", 0.4, (0.1, 0.0, 0.0))
-    loaded = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml", payloads=[payload])
-    own = seaid.identify_conditions(
-        {"bare": (robot_of(arm), log_of(arm)), "loaded": (loaded, seaid.read_log(log, loaded))},
-        condition_specific=(),
-    )
-    each = {name: {"load": content_of(one)["load"]} for name, one in own.identifications.items()}
-    check_part(json.loads(done(*line, "--json").out)["result"]["conditions"], plain(each))
 
 
 @pytest.fixture(scope="module")
@@ -389,15 +303,12 @@ def test_a_multisine_from_its_plan_to_the_report(
     page = tmp_path / "page.html"
     line = ("frequency", *robot_and_drives(arm), log, "--plan", plan, "--run", saved)
     content = json.loads(done(*line, "--json").out)["result"]
-    found = {one["name"]: one["value"] for one in content["drives"]["elbow"]}
-    assert found["stiffness"] == pytest.approx(250.0, rel=0.03)
-    assert content["identified"] is not None
+    stiffness = content["drives"]["elbow"]["stiffness"]["value"]
+    assert stiffness == pytest.approx(250.0, rel=0.03)
     narrow = ("frequency", *robot_and_drives(arm), log, "--band", "0.6,0.7")
     assert "excited frequencies from 0.6 to 0.7 Hz" in refused(*narrow)
     wrong = ("frequency", *robot_and_drives(arm), log, "--plan", arm / "run_plan.json")
     assert "--plan must be a multisine" in run(*wrong).err
-    done("report", "--run", saved, "--multisine", log, "--plan", plan, "-o", page)
-    assert "Size of the frequency response of elbow" in page.read_text(encoding="utf-8")
     fit = seaid.project.load_run(saved).identification
     drive = fit.drive_side["elbow"]
     values = np.where(np.array(drive.names) == "stiffness", 1.3, 1.0) * drive.values
@@ -408,6 +319,8 @@ def test_a_multisine_from_its_plan_to_the_report(
         plan=seaid.load_trajectory(plan),
         identification=stiffer,
     )
+    seaid.write_report(stiffer, page, frequency=response)
+    assert "Size of the frequency response of elbow" in page.read_text(encoding="utf-8")
     (one,) = [x for x in response.warnings if x.code == "estimator-disagrees"]
     assert (one.joint, one.severity) == ("elbow", "doubtful")
     with pytest.raises(seaid.SeaidError, match="give a response of the same robot"):
@@ -442,7 +355,7 @@ def test_errors_and_notes_are_in_the_json(
 
 def test_the_view_has_its_address_in_json(arm: Path) -> None:
     pytest.importorskip("viser")
-    options = ("--port", "0", "--seconds", "0", "--no-browser", "--json")
+    options = ("--port", "0", "--seconds", "0", "--json")
     content = json.loads(done("view", arm / "arm.urdf", *options).out)
     assert [*content] == KEYS
     assert content["result"]["url"].startswith("http://127.0.0.1:")

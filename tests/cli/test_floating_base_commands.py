@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid.cli.kinds import contact_text, contacts_of
+from seaid.cli.kinds import contacts_of
 from tests.cli.small_arm import done, refused
 from tests.legged.test_floating_base import STANDING, swayed
 
@@ -22,7 +22,6 @@ def test_contacts_are_those_of_their_text() -> None:
     assert [one.link for one in found] == [*FEET.split(","), "sole", "hand"]
     assert found[3].radius_m == 0.02
     assert found[4] == seaid.robot.Contact("sole", (0.1, 0.0, -0.05), is_flat=True)
-    assert [one for each in found for one in contacts_of(contact_text(each))] == found
     assert "give --base 'floating' with them" in refused("inspect", "go2", "--contact", "FL_foot")
     far = ("--stance", FEET, "--posture", "FL_thigh_joint=2.2,FR_thigh_joint=2.2")
     said = refused("excite", *GO2, *far, "-o", "plan.json")

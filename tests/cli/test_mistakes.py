@@ -23,17 +23,10 @@ def files(arm: Path) -> None:
 
 MISTAKES = {
     # a file in a wrong place
-    "inspect run.csv": "'run.csv' stands where the URDF belongs, and is a log by its name: the",
-    "identify run.csv arm.urdf": "the URDF comes first (or a seaid.toml here names it: seaid init)",
-    "identify arm.urdf arm.urdf": "'arm.urdf' stands where a log belongs, and is a robot by its",
-    "identify arm.urdf run.csv arm.toml": "then the logs; give drives with --drives",
-    "inspect arm.urdf --drives run.csv": "--drives: 'run.csv' is a log by its name: --drives takes",
-    "inspect arm.urdf --drives log.toml": "'log.toml' describes a log: give it with --description",
-    "check arm.urdf run.csv --description arm.toml": "--description: 'arm.toml' has drives: give",
+    "inspect run.csv": "'run.csv' is not a URDF, by its name a log: the robot's URDF comes first",
+    "identify arm.urdf arm.urdf": "'arm.urdf': cannot read '.urdf' logs; allowed: .csv",
     "check arm.urdf run.csv ./run.csv": "'run.csv' is given twice, which would count its samples",
-    "identify arm.urdf --condition a=run.csv --condition b=run.csv": "'run.csv' is given twice",
-    "validate arm.urdf run.csv --from run.csv": "'run.csv' is used for the identification",
-    "report arm.urdf --from run.csv --validate run.csv": "is used for the identification",
+    "validate arm.urdf run.csv --from run.csv": "name each log once, and validate on another",
     "check arm.urdf weights.csv": "custom columns need --description (seaid describe infers one)",
     # names that are not there
     "inspect arm.urdf --joints Elbow": "--joints: 'small_arm': no joint is named 'Elbow'; did you",
@@ -41,22 +34,16 @@ MISTAKES = {
     "simulate arm.urdf run_plan.json --joint-offset elbo=1 -o {}/a.csv": "--joint-offset: no joint",
     "inspect arm.urdf --payload hand:1": "--payload: no link is named 'hand'",
     "check arm.urdf run.csv --known-body uper": "no body that a joint moves is named 'uper'",
-    "identify arm.urdf --condition a=run.csv --condition b=other.csv --specific viscus": (
-        "--specific: no parameter is named 'viscus'; did you mean 'viscous_friction'?"
-    ),
-    "check arm.urdf run.csv --fail-on bad": "--fail-on: no severity is named 'bad'; allowed: wrong",
     "view --run nowhere": "no saved run at 'nowhere'",
     "identify arm.urdf . -o {}/o": "'.'",
     "run": "cannot read the project 'seaid.toml'",
-    "compare run_plan.json log.json": "'run_plan.json' is no saved run, or damaged",
+    "compare run_plan.json log.json": "'run_plan.json' is no saved run",
     # options before any file is read
-    "identify no.urdf no.csv --method twostep": "--method: no method is named 'twostep'; did",
     "identify arm.urdf no.csv -o run.csv/p.json": "cannot write 'run.csv/p.json': Not a directory",
     # values out of range
     "check arm.urdf run.csv --cutoff-hz -3": "--cutoff-hz must be between 0 and half the sampling",
     "validate arm.urdf run.csv --cross": "record more, or raise --cutoff-hz",
     "validate arm.urdf run.csv --cross --parts 1 --cutoff-hz 9": "--parts must be a whole number",
-    "check arm.urdf run.csv --delays --largest-s 1": "--largest-s must be above 0 and below a",
     "identify arm.urdf run.csv --estimator iv --method simultaneous -o {}/a.json": (
         '--estimator "iv" needs --method "two-step"'
     ),
@@ -71,6 +58,7 @@ MISTAKES = {
     # results
     "identify arm.urdf run.csv -o run.csv": "'run.csv' is read by this command: name another file",
     "describe run.csv -o log.toml": "'log.toml' is there already: name another file, or add",
+    "identify arm.urdf run.csv -o -": "'-' is no file: name one",
     "export arm.urdf --from run.csv -o arm.urdf --force": "is read by this command",
     "identify arm.urdf run.csv -o {}": "is a folder: name a file in it",
 }
@@ -94,47 +82,35 @@ USAGE = {
     "inspect": "URDF: it is missing: name it, or have a seaid.toml here",
     "identify arm.urdf": "LOG: it is missing",
     "identfy arm.urdf run.csv": "No such command 'identfy'. Did you mean 'identify'?",
-    "inspect arm.urdf --drive arm.toml": "No such option: --drive",
+    "inspect arm.urdf --drive arm.toml": "No such option '--drive'. Did you mean '--drives'",
     # texts that are no value
     "inspect arm.urdf --payload lower": "is not link:mass:x,y,z, as foot:2.0:0.15,0,0",
     "inspect arm.urdf --gravity 9.81": "'9.81' is not x,y,z, as 0,0,-9.81",
     "inspect go2 --base floating --contact FL_foot:0,1": "is not link:x,y,z:flat or",
     "identify arm.urdf run.csv --known-std 3%": "a list as torque=0.03,payload=0.01",
-    "identify arm.urdf run.csv --cutoff-hz six": "Invalid value for '--cutoff-hz': 'six' is no",
-    "simulate arm.urdf run_plan.json --seed 1.5": "'1.5' is no int",
+    "identify arm.urdf run.csv --cutoff-hz six": "'--cutoff-hz': 'six' is not a valid float",
+    "simulate arm.urdf run_plan.json --seed 1.5": "'1.5' is not a valid integer",
     "excite arm.urdf --velocity fast": "is neither a number nor a list as knee=2,hip=1",
     "excite arm.urdf --rate-hz 0": "is not more than zero",
-    "identify arm.urdf --condition run.csv": "'run.csv' is not NAME=VALUE, as warm=run.csv",
     # endings of results
     "simulate arm.urdf run_plan.json -o a.mat": "'a.mat' must end in .csv or .npz",
     "export arm.urdf --from run.csv -o a.toml": "must end in .urdf or .xml or .usda or .py or .c",
     # options that do not go together
+    "check arm.urdf run.csv --fail-on bad": "'bad' is not one of 'wrong', 'doubtful', 'note'",
+    "inspect go2 --base floating --sensors joint_torque": "it is for a base that is held",
     "identify arm.urdf run.csv --in-pieces --repair": "no --repair, no --description",
     "validate arm.urdf run.csv": "--from, --run: give one of the two",
     "export arm.urdf --from run.csv --parameters p -o found.urdf": "give one of them",
-    "view arm.urdf --run runs/latest --parameters p": "give one of the two",
-    "report --run runs/latest --plan run_plan.json -o a.html": "a plan needs its --multisine",
     "check arm.urdf run.csv --delays --terms": "--delays, --terms: give one of them",
     "check arm.urdf run.csv other.csv --delays": "--delays: give one log",
     "check arm.urdf run.csv --of elbow": "--of: it needs --terms",
     "check arm.urdf run.csv -o found.toml": "--output: it needs --delays or --terms",
     "identify arm.urdf run.csv --refine --feasible": "--feasible: it is no option of",
-    "identify arm.urdf run.csv --specific bodies": "--specific: it needs --condition",
-    "identify arm.urdf --condition a=run.csv --condition b=other.csv --method simultaneous": (
-        "--method: it does not go with --condition"
-    ),
-    "identify arm.urdf --condition a=run.csv --condition a=other.csv": (
-        "it takes two conditions at least, found a"
-    ),
-    "identify arm.urdf --condition a=x --condition b=y --condition-payload c=lower:1": (
-        "'c' is no condition: they are a, b"
-    ),
     "validate arm.urdf run.csv --from other.csv --parts 3": "--parts: it needs --cross",
     "validate arm.urdf run.csv other.csv --from run.csv": "LOG: give one log, or add --cross",
     "validate arm.urdf run.csv --cross --from other.csv": "--from: --cross identifies from",
     # options of another kind of base
-    "inspect go2 --stance air": "leave --stance out",
-    "inspect go2 --base floating --contact FL_foot --plan plan.json": "leave --plan out",
+    "inspect go2 --stance air": "--stance: it is for a floating base: add --base floating",
 }
 """{line: words of what is wrong with its usage}."""
 

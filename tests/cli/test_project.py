@@ -89,16 +89,6 @@ def test_a_project_stands_for_the_words_of_a_line(
     assert results[0] == results[1]
 
 
-def test_a_folder_or_file_of_a_project_stands_for_its_robot(
-    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is said which options are taken from it."""
-    monkeypatch.chdir(tmp_path)
-    assert json.loads(done("check", project / "seaid.toml", "--json").out)["robot"] == "small_arm"
-    said = done("inspect", project)
-    assert f"note: from '{project / 'seaid.toml'}': --drives" in said.err
-
-
 def test_nothing_is_identified_again(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*_: object, **__: object) -> None:
         raise AssertionError("identified again")
@@ -149,29 +139,15 @@ def test_what_changed_since_a_run_is_said(here: Path, project: Path) -> None:
         said = done("report")
         assert "arm.toml changed since 'runs/latest' was made: repeat seaid run" in said.err
         again = done("report", "--force", "--from", "run.csv").err
-        assert "note: from 'seaid.toml': URDF, --drives" in again
+        assert "are from 'seaid.toml'" in again
         assert "changed since" not in again
 
 
-def test_a_project_of_another_robot_does_not_count(here: Path, project: Path) -> None:
-    shutil.copy(project / "arm.urdf", here / "other.urdf")
-    named = ["run.csv", "--drives", "arm.toml", "--cutoff-hz", "6"]
-    ours = done("identify", "./arm.urdf", *named, "-o", here / "a.json").err
-    assert "note: from 'seaid.toml': --feasible" in ours
-    text = (project / "seaid.toml").read_text()
-    (project / "seaid.toml").write_text("gravity = [0, 9.81, 0]\n" + text)
-    try:
-        other = done("identify", here / "other.urdf", *named, "-o", here / "b.json")
-        assert "of another robot, 'arm.urdf', and is not used" in other.err
-        with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(here)
-            log, drives = project / "run.csv", project / "arm.toml"
-            line = ("other.urdf", log, "--drives", drives, "--cutoff-hz", "6")
-            alone = done("identify", *line, "-o", "c.json")
-    finally:
-        (project / "seaid.toml").write_text(text)
-    assert "seaid.toml" not in alone.err
-    assert (here / "b.json").read_bytes() == (here / "c.json").read_bytes()
+def test_a_line_with_a_robot_has_nothing_of_the_project(here: Path) -> None:
+    named = done("identify", "arm.urdf", "run.csv", "-o", here / "a.json")
+    assert "seaid.toml" not in named.err
+    assert "are from 'seaid.toml'" in done("identify", "run.csv", "-o", here / "b.json").err
+    assert (here / "a.json").read_bytes() != (here / "b.json").read_bytes()
 
 
 def test_projects_of_a_folder_end_with_the_worst_code(tmp_path: Path) -> None:

@@ -25,9 +25,9 @@ import numpy as np
 import pyarrow as arrow
 import pyarrow.parquet as parquet
 import tomli_w
+from click.testing import CliRunner
 from lxml import etree
 from scipy.io import savemat
-from typer.testing import CliRunner
 
 import seaid
 from seaid.cli.commands import app

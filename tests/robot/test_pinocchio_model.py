@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import seaid
 from scripts.example_robots import example_urdfs
