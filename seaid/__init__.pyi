@@ -54,7 +54,6 @@ from .log import read_log as read_log
 from .log import reconstruct_motion as reconstruct_motion
 from .log import write_log as write_log
 from .project import load_project as load_project
-from .project import run as run
 from .project import run_project as run_project
 from .project import write_first_project as write_first_project
 from .regressor import base_parameters as base_parameters

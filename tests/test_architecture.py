@@ -131,7 +131,7 @@ ONE_IMPORTER = {
     "functions that users call": (
         *("identification.conditions", "identification.static_calibration"),
         *("frequency.frequency_response", "identification.output_error", "excitation.design"),
-        *("log.long_log", "project.first_project", "project.project", "project.saved"),
+        *("log.long_log", "project.project", "project.saved"),
         *("report.comparison", "symbolic.expression_text"),
         "regressor.structural_identifiability",
         *("export.mjcf", "export.parameters", "export.urdf"),

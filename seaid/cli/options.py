@@ -90,7 +90,7 @@ class RobotOptions:
 
     def keywords_of_robot(self) -> dict[str, Any]:
         """Return the keyword arguments that `load_robot` and `write_first_project` share."""
-        names = ("drives", "joints", "gravity", "base", "imu_link")
+        names = ("drives", "joints", "gravity", "base", "imu_link", "independent_mimics")
         return {
             **{name: getattr(self, name) for name in names},
             "locked": self.locked or {},
@@ -103,7 +103,6 @@ class RobotOptions:
         return seaid.load_robot(
             self.urdf,
             known_bodies=known_bodies or (),
-            independent_mimics=self.independent_mimics,
             **self.keywords_of_robot(),
         )
 

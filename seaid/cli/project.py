@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -40,18 +40,25 @@ def with_project(
     has the log where `seaid identify leg.urdf run.csv` has the robot: what is no robot moves on by
     one place.
     """
-    sources = {name: context.get_parameter_source(name) for name in values}
-    typed = {name for name, source in sources.items() if source and source.name == "COMMANDLINE"}
-    context.meta["typed"], name = typed, str(context.info_name)
-    has_project = os.path.isfile(PROJECT_FILE) and name not in ("init", "run")
+    name, typed = str(context.info_name), _typed(context, values)
+    context.meta["typed"] = typed
+    if "urdf" not in positional or name == "init":
+        return values
+    has_project = os.path.isfile(PROJECT_FILE)
     if "urdf" in typed and len(positional) > 1 and (has_project or values.get("run")):
         values = _moved(values, positional[1], typed)
-    if "urdf" in values and "urdf" not in typed and has_project:
+    if "urdf" not in typed and has_project:
         project = context.meta["project"] = seaid.load_project(PROJECT_FILE)
-        values = {**values, **_of_command(name, project, values)}
-        if "urdf" in positional:
-            note(f"robot, logs and options that the line does not have are from '{PROJECT_FILE}'")
+        of_project = _of_command(name, project, values)
+        values |= {key: of_project[key] for key in of_project.keys() - typed & values.keys()}
+        note(f"robot, logs and options that the line does not have are from '{PROJECT_FILE}'")
     return values
+
+
+def _typed(context: click.Context, names: Iterable[str]) -> set[str]:
+    """Return the parameters that are on the command line."""
+    sources = {name: context.get_parameter_source(name) for name in names}
+    return {name for name, source in sources.items() if source and source.name == "COMMANDLINE"}
 
 
 def _moved(values: dict[str, Any], after: str, typed: set[str]) -> dict[str, Any]:
@@ -68,9 +75,20 @@ def _moved(values: dict[str, Any], after: str, typed: set[str]) -> dict[str, Any
 
 
 def _of_command(name: str, project: Project, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of a command that its line leaves to the project."""
+    """Return the values that a command has of the project."""
     from seaid._files import LATEST, followed
 
+    defaults = _defaults(project)
+    if name == "validate" and not values["cross"]:
+        defaults["logs"] = defaults["validation"][:1]
+    latest = project.folder / LATEST
+    if (followed(latest) / seaid.project.FILE).exists() and not values.get("cross"):
+        defaults["run"] = latest
+    return {key: value for key, value in defaults.items() if value or value is False}
+
+
+def _defaults(project: Project) -> dict[str, Any]:
+    """Return {parameter of commands: its value in the project}."""
     names = ("drives", "joints", "locked", "gravity", "independent_mimics", "base", "imu_link")
     choices = ("torque_joints", "cutoff_hz", "method", "estimator", "encoder_offset_std")
     defaults: dict[str, Any] = {
@@ -85,16 +103,7 @@ def _of_command(name: str, project: Project, values: Mapping[str, Any]) -> dict[
     }
     if len(project.conditions) == 1:  # logs of several conditions are for seaid run
         defaults |= dict.fromkeys(("logs", "from_logs"), _logs(project, "identify"))
-    if name == "validate" and not values["cross"]:
-        defaults["logs"] = defaults["validation"][:1]
-    latest = project.folder / LATEST
-    if (followed(latest) / seaid.project.FILE).exists() and not values.get("cross"):
-        defaults["run"] = latest
-    return {
-        key: value
-        for key, value in defaults.items()
-        if key in values and not is_typed(key) and (value or value is False)
-    }
+    return defaults
 
 
 def _logs(project: Project, use: Literal["identify", "validate"]) -> tuple[Path, ...]:

@@ -73,9 +73,7 @@ def click_command(
     for subject in (*groups.values(), function):
         hints |= get_type_hints(subject, include_extras=True)
         texts |= descriptions(subject)
-    flat: dict[str, Parameter] = {}
-    for name, parameter in signature(function).parameters.items():
-        flat |= signature(groups[name]).parameters if name in groups else {name: parameter}
+    flat = _flattened(function, groups)
     params = [_parameter(flat[name], hints[name], texts.get(name, "")) for name in flat]
     arguments = {str(x.name): x for x in params if isinstance(x, click.Argument)}
     needed = {x: str(arguments[x].metavar) for x in arguments if flat[x].default is Parameter.empty}
@@ -84,20 +82,32 @@ def click_command(
     def run(context: click.Context, /, **values: Any) -> None:
         values = fill(context, values, [*arguments])
         check_required(needed, values)
-        for name, group in groups.items():
-            fields = signature(group).parameters
-            values[name] = group(**{field: values.pop(field) for field in fields})
-        function(**values)
+        function(**_in_groups(values, groups))
 
     text, sections = _sections(function)
     text = f"{text}\n\n\b\n{sections.get('Examples', '')}".strip()
     return click.Command(function.__name__, callback=run, params=params, help=text)
 
 
-def _parameter(parameter: Parameter, hint: Any, text: str) -> click.Parameter:
-    """Return a parameter as Click has it, by its annotation.
+def _flattened(function: Callable[..., None], groups: Mapping[str, Any]) -> dict[str, Parameter]:
+    """Return the parameters of a function, the fields of groups in the place of these."""
+    flat: dict[str, Parameter] = {}
+    for name, parameter in signature(function).parameters.items():
+        flat |= signature(groups[name]).parameters if name in groups else {name: parameter}
+    return flat
 
-    `tuple[kind, ...]` may be repeated, and `kind | None` may be left out.
+
+def _in_groups(values: dict[str, Any], groups: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values with an object of each group in the place of its fields."""
+    for name, group in groups.items():
+        values[name] = group(**{field: values.pop(field) for field in signature(group).parameters})
+    return values
+
+
+def _kind_of(hint: Any) -> tuple[Any, bool]:
+    """Return the kind of the values of an annotation, and whether it may be repeated.
+
+    `tuple[kind, ...]` may be repeated, and `kind | None` has the default None.
     """
     if NoneType in get_args(hint):
         (hint,) = (part for part in get_args(hint) if part is not NoneType)
@@ -107,6 +117,12 @@ def _parameter(parameter: Parameter, hint: Any, text: str) -> click.Parameter:
         (kind,) = kind.__metadata__
     elif get_origin(kind) is Literal:
         kind = click.Choice(get_args(kind))
+    return kind, is_repeated
+
+
+def _parameter(parameter: Parameter, hint: Any, text: str) -> click.Parameter:
+    """Return a parameter as Click has it, by its annotation."""
+    kind, is_repeated = _kind_of(hint)
     name, default = parameter.name, parameter.default
     metavar = kind.name if isinstance(kind, Kind | File) else None
     if parameter.kind is not Parameter.KEYWORD_ONLY:

@@ -6,7 +6,6 @@ from .project import log_at as log_at
 from .running import Outcome as Outcome
 from .running import ProjectRun as ProjectRun
 from .running import find_projects as find_projects
-from .running import run as run
 from .running import run_project as run_project
 from .running import run_projects as run_projects
 from .running import summary_of as summary_of

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import chain, compress, pairwise
 from pathlib import Path
@@ -14,26 +14,26 @@ from typing import Any, Literal
 import numpy as np
 import tomli_w
 
-from seaid._arrays import Array, resolution, safely
+from seaid._arrays import Array, safely
 from seaid._files import PROJECT_FILE, from_template, read_toml, write_whole
 from seaid._progress import Display
 from seaid.checks import JointCheck
 from seaid.checks.commands import is_unsigned, no_measurements
 from seaid.checks.tolerances import BODY, LARGEST_RATIO, MOST, POOR, SLIGHT
-from seaid.drives import COMMANDS, Controller, SeriesElasticDrive, drive_table, read_drives
+from seaid.drives import COMMANDS, Controller, SeriesElasticDrive, drive_table
 from seaid.drives.terms import MotorInput
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import LogError, SeaidError, abridged, checked
 from seaid.identification import check
 from seaid.legged import FloatingRobot, load_robot, with_leg_order
-from seaid.log import Description, Log, LogDescription, describe_log, low_pass, read_log
+from seaid.log import Description, Log, describe_log, low_pass, read_log
 from seaid.log.describe import logs_of_files
 from seaid.log.describe.inference import Doubt
 from seaid.log.description import as_toml
-from seaid.log.filtering import STILL
 from seaid.log.readers.opening import open_tables
 from seaid.log.reading import read_or_describe
-from seaid.robot import BaseKind, Contact, Payload, Robot
+from seaid.log.repair.channels import held_over
+from seaid.robot import Robot
 
 _OWN_PART = 0.7
 """Part of a single log that is used to identify; the rest validates."""
@@ -65,17 +65,11 @@ def write_first_project(
     logs: str | Path | Sequence[str | Path],
     *,
     drives: str | Path | None = None,
-    joints: Sequence[str] | None = None,
-    locked: Mapping[str, float] | None = None,
-    payloads: Sequence[Payload] = (),
-    gravity: Sequence[float] = (0.0, 0.0, -9.81),
     folder: str | Path = ".",
     controllers: Mapping[str, Controller] | None = None,
-    base: BaseKind = "fixed",
-    contacts: Sequence[str | Contact] = (),
-    imu_link: str | None = None,
     rate_hz: float | None = None,
     columns: Sequence[str] = (),
+    **robot_options: Any,
 ) -> FirstProject:
     """Write a project file for a robot and its logs, and the files that it needs.
 
@@ -91,26 +85,19 @@ def write_first_project(
     urdf : str or Path
     logs : str, Path or a sequence of them
     drives : str or Path, optional
-    joints : sequence of str, optional
-        The joints that move.
-    locked : mapping {joint: position}, optional
-        Joints that stand still elsewhere than at zero [rad or m].
-    payloads : sequence of Payload, optional
-        Payloads of all logs.
-    gravity : sequence of 3 floats
-        Gravity in the base frame [m/s^2].
     folder : str or Path
         The folder of the project.
     controllers : mapping {joint: Controller}, optional
         The position controllers of joints with position commands and no torque. Without them their
         gains have to be written into the drives file.
-    base, contacts, imu_link
-        As in `load_robot`.
     rate_hz : float, optional
         Sampling rate of logs without a column of time; then all files are those of one log, unless
         they have columns of the same names.
     columns : sequence of str, optional
         Names for the columns of each log, as in `describe_log`; then each file is a log.
+    **robot_options
+        Those of `load_robot`: joints, locked, payloads, gravity, independent_mimics, base, contacts
+        and imu_link.
 
     Returns
     -------
@@ -131,18 +118,7 @@ def write_first_project(
     _check_request(file, logs, drives, controllers)
     paths = [Path(path) for path in ([logs] if isinstance(logs, str | Path) else logs)]
     known, of_neighbour = _known_drives(urdf, drives, bool(controllers))
-    load = partial(
-        load_robot,
-        urdf,
-        known,
-        locked=locked,
-        payloads=payloads,
-        gravity=gravity,
-        base=base,
-        contacts=contacts,
-        imu_link=imu_link,
-    )
-    robot, joints, unnamed = _load_named_joints(load, joints, paths)
+    robot, joints, unnamed = _load_named_joints(urdf, known, robot_options, paths)
     describe = partial(describe_log, rate_hz=rate_hz, columns=columns)
     files_of_logs, of_files = _files_of_logs(paths, robot, rate_hz, columns)
     read, robot = _read_all(files_of_logs, robot, folder, describe, known is None)
@@ -151,14 +127,13 @@ def write_first_project(
     without, untrue = _joints_without_torque(robot, logs_read)
     tables, of_drives = dict[str, _Table](), list[str]()
     if known is None:
-        gains, of_gains = _logged_gains(read, controllers or {})
-        tables, unsure = _drives_of_logs(robot, logs_read, without, gains, guessed)
-        of_drives = [*of_gains, *unsure]
+        gains = {**read[0].gains, **(controllers or {})}
+        tables, of_drives = _drives_of_logs(robot, logs_read, without, gains, guessed)
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
-            texts[known] = _drives_text(tables, unsure, known)
-    doubts = [*of_neighbour, *unnamed, *of_files, *_doubts_of_columns(of_columns, tables), *untrue]
-    doubts += [*_lock_hints(robot, logs_read), *of_drives, *_without_flags(robot, logs_read)]
+            texts[known] = _drives_text(tables, of_drives, known)
+    doubts = [*of_neighbour, *unnamed, *of_files, *_doubts_of_columns(of_columns, tables)]
+    doubts += [*untrue, *of_drives, *_without_flags(robot, logs_read)]
     text = from_template(
         "seaid.project",
         "first_project.toml.j2",
@@ -171,7 +146,7 @@ def write_first_project(
         urdf=_relative(urdf, folder),
         drives=known and _relative(known, folder),
         joints=joints,
-        payloads=payloads,
+        options=robot_options,
     )
     for path, content in {**texts, file: text}.items():
         write_whole(path, content)
@@ -203,30 +178,27 @@ def _known_drives(
     neighbour = Path(urdf).with_suffix(".toml")
     if drives is not None or not neighbour.is_file():
         return drives, []
-    try:
-        read_drives(neighbour)
-    except SeaidError:
-        return None, []
     code = "neighbour_not_used" if has_controllers else "neighbour"
     return None if has_controllers else neighbour, [_doubt(code, file=neighbour.name)]
 
 
 def _load_named_joints(
-    load: Callable[..., Robot], joints: Sequence[str] | None, paths: Sequence[Path]
+    urdf: str | Path, drives: str | Path | None, options: dict[str, Any], paths: Sequence[Path]
 ) -> tuple[Robot, Sequence[str] | None, list[str]]:
-    """Return the robot with the `joints`, else with those whose names are in columns, if some.
+    """Return the robot with its joints, else with those whose names are in columns, if some.
 
     With it come these joints, and a doubt about those that no column names.
     """
-    robot = load(joints=joints)
-    if joints is not None:
-        return robot, joints, []
+    robot = load_robot(urdf, drives, **options)
+    if options.get("joints") is not None:
+        return robot, options["joints"], []
     columns = {name for path in paths for name in open_tables([path]).names}
     named = [x for x in robot.joint_names if any(x in column for column in columns)]
     if not 0 < len(named) < robot.n:
         return robot, None, []
     unnamed = [joint for joint in robot.joint_names if joint not in named]
-    return load(joints=named), named, _about(unnamed, "unnamed")
+    robot = load_robot(urdf, drives, **{**options, "joints": named})
+    return robot, named, _about(unnamed, "unnamed")
 
 
 def _files_of_logs(
@@ -248,38 +220,28 @@ def _logs_without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
     return [(path,) for path in paths] if share else [tuple(paths)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Described:
-    """The inferred description of a log, and of others with the same columns.
-
-    `name` is that of the log, and `file` the place of the description in the project: one that
-    `is_edited` there is used in place of the `guess`.
-    """
-
-    name: str
-    file: Path
-    guess: Description
-    is_edited: bool = False
-
-    @property
-    def source(self) -> LogDescription | Path:
-        """By what the log is read."""
-        return self.file if self.is_edited else self.guess.description
-
-    @property
-    def columns(self) -> set[str]:
-        """All columns of the log."""
-        return self.guess.description.columns() | {*self.guess.unused}
-
-
 @dataclass(frozen=True)
 class _ReadLog:
-    """The log of some `files`, by its description, if it needs one, and with the gains in it."""
+    """The log of some `files`, and by what it was read, if its columns needed a description.
+
+    That is the inferred `guess`, or the `file` for it in the project if the user has one there.
+    """
 
     files: tuple[Path, ...]
     log: Log
-    described: _Described | None = None
-    gains: _Gains = field(default_factory=dict)
+    guess: Description | None = None
+    file: Path | None = None
+
+    @property
+    def gains(self) -> _Gains:
+        """The gains in the log."""
+        return self.guess.gains if self.guess else {}
+
+    @property
+    def new(self) -> dict[Path, Description]:
+        """The file of a description that is not written yet, and the guess."""
+        is_new = self.guess and self.file and not self.file.exists()
+        return {self.file: self.guess} if is_new else {}  # type: ignore[dict-item]
 
 
 def _read_all(
@@ -315,43 +277,56 @@ def _read_described(
     earlier: Sequence[_ReadLog],
 ) -> _ReadLog:
     """Read a log by the description in the project, that of an earlier log, or the guess."""
-    path = files[0]
-    draft = _Described(path.name, folder / f"{path.stem}_columns.toml", guess)
-    # A description that is no draft of the same guess was edited, and is used as it is.
-    if draft.file.exists() and draft.file.read_text(encoding="utf-8") != guess.to_toml():
-        edited = replace(draft, is_edited=True)
-        return _ReadLog(files, read_log(files, robot, description=draft.file), edited, guess.gains)
-    described = (entry.described for entry in earlier if len(files) == 1)
-    for alike in [x for x in described if x and x.columns == draft.columns][:1]:
-        with suppress(LogError):
-            log = read_log(files, robot, description=alike.source)
-            return _ReadLog(files, log, alike, guess.gains)
-    guess, log = _read_guessed(files, robot, draft)
-    return _ReadLog(files, log, replace(draft, guess=guess), guess.gains)
+    file = folder / f"{files[0].stem}_columns.toml"
+    if file.exists():
+        return _ReadLog(files, read_log(files, robot, description=file), guess, file)
+    if len(files) == 1 and (alike := _read_as_earlier(files, robot, guess, earlier)):
+        return alike
+    log = _read_guessed(files, robot, guess)
+    # Joints whose positions have seaid's names are in no doubt about their order.
+    sources = chain(*guess.description.joints.values())
+    if not any(name.endswith("_position") for name in sources):
+        return _ReadLog(files, log, guess, file)
+    ordered = with_leg_order(guess, robot, log)
+    if ordered is not guess:
+        log = read_log(files, robot, description=ordered.description)
+    return _ReadLog(files, log, ordered, file)
 
 
-def _read_guessed(
-    files: Sequence[Path], robot: Robot, draft: _Described
-) -> tuple[Description, Log]:
-    """Return a log by its inferred description, and that with the order of legs that fits it."""
-    guess, logged = draft.guess, draft.guess.description.joints
+def _read_as_earlier(
+    files: tuple[Path, ...], robot: Robot, guess: Description, earlier: Sequence[_ReadLog]
+) -> _ReadLog | None:
+    """Read a log by the description of an earlier one with the same columns, if there is one."""
+    for entry in earlier:
+        if entry.guess and entry.file and _columns(entry.guess) == _columns(guess):
+            source = entry.file if entry.file.exists() else entry.guess.description
+            with suppress(LogError):
+                log = read_log(files, robot, description=source)
+                return _ReadLog(files, log, entry.guess, entry.file)
+    return None
+
+
+def _columns(guess: Description) -> set[str]:
+    """Return all columns of a log."""
+    return guess.description.columns() | {*guess.unused}
+
+
+def _read_guessed(files: Sequence[Path], robot: Robot, guess: Description) -> Log:
+    """Return a log by its inferred description; raise LogError with what is unsure about it."""
     try:
-        log = read_log(files, robot, description=guess.description)
+        return read_log(files, robot, description=guess.description)
     except LogError as problem:
         # In the place of its advice, which has the names of seaid's own columns.
         about = [problem.reason, *(x for x in guess.unsure if x.code in _OF_COLUMNS)]
+        logged = guess.description.joints
         if any(len(logged.get(joint, ())) < _FEWEST for joint in robot.joint_names):
             about.append("joints that stand still, or that no column has, are locked with locked=")
-            write_whole(draft.file, guess.to_toml())
-            about.append(f"name the columns of the others in '{draft.file}', then repeat this")
+            place = files[0].with_suffix(".toml")
+            about.append(
+                f"columns of the others are named in a description: seaid describe {files[0]} "
+                f"-o {place}"
+            )
         raise LogError("; ".join(about), "locked=") from None
-    # Joints whose positions have seaid's names are in no doubt about their order.
-    if not any(name.endswith("_position") for name in chain.from_iterable(logged.values())):
-        return guess, log
-    ordered = with_leg_order(guess, robot, log)
-    if ordered is guess:
-        return guess, log
-    return ordered, read_log(files, robot, description=ordered.description)
 
 
 _OF_COLUMNS = {"no_effort", "unknown_command", "no_such_joint", "unused"}
@@ -366,12 +341,12 @@ def _descriptions(read: Sequence[_ReadLog]) -> tuple[dict[Path, str], list[Doubt
 
     Last come the joints with an encoder whose counts are a guess.
     """
-    described = dict.fromkeys(entry.described for entry in read if entry.described)
-    new = [x for x in described if not x.is_edited]
-    texts = {x.file: x.guess.to_toml() for x in new}
-    joints = chain(*(x.guess.description.joints.items() for x in new))
+    new = dict(chain(*(entry.new.items() for entry in reversed(read))))
+    joints = chain(*(guess.description.joints.items() for guess in new.values()))
     guessed = {name for name, sources in joints for x in sources.values() if x.unit == "counts"}
-    return texts, [y.about([x.name]) for x in new for y in x.guess.unsure], guessed
+    names = {entry.file: entry.files[0].name for entry in reversed(read)}
+    doubts = [x.about([names[file]]) for file, guess in new.items() for x in guess.unsure]
+    return {file: guess.to_toml() for file, guess in new.items()}, doubts, guessed
 
 
 def _doubts_of_columns(doubts: Sequence[Doubt], tables: Mapping[str, _Table]) -> list[Doubt]:
@@ -395,37 +370,6 @@ def _joints_without_torque(robot: Robot, logs: Sequence[Log]) -> tuple[set[str],
     unsigned = (findings != [] and all(map(is_unsigned, of_joint)) for of_joint in torques)
     joints = {*compress(robot.joint_names, unsigned), *(x.joint for x in findings)}
     return joints, [*dict.fromkeys(f"{x.joint}: {x.message}" for x in findings)]
-
-
-def _logged_gains(
-    read: Sequence[_ReadLog], controllers: Mapping[str, Controller]
-) -> tuple[dict[str, Controller], list[Doubt]]:
-    """Return the given controllers, else those with the gains of the first log.
-
-    With them come doubts about logs with other gains.
-    """
-    first = read[0]
-    others = (log.files[0].name for log in read if log.gains != first.gains)
-    doubts = [_doubt("other_gains", file=name, first=first.files[0].name) for name in others]
-    return {**first.gains, **controllers}, doubts
-
-
-def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
-    """Yield how to lock the joints that stand still in all logs, if others move."""
-    positions = np.concatenate([log.joint_position for log in logs])
-    motors = np.concatenate([log.motor_position for log in logs])
-    still = [j for j in range(robot.n) if _is_still(positions[:, j]) and _is_still(motors[:, j])]
-    logged = np.isfinite(positions[:, still])
-    # Without a position it is not known where to lock a joint.
-    if 0 < len(still) < robot.n and np.all(np.any(logged, axis=0)):
-        at = {robot.joint_names[j]: float(np.nanmean(positions[:, j])) for j in still}
-        option = ",".join(f"{joint}={place:.4g}" for joint, place in at.items())
-        yield from _about(at, "still", option=option)
-
-
-def _is_still(position: Array) -> bool:
-    """Return whether a position is not logged, or hardly changes."""
-    return bool(np.all(np.isnan(position)) or np.nanmax(position) - np.nanmin(position) < STILL)
 
 
 def _about(names: Collection[str], code: str, **values: object) -> list[str]:
@@ -464,14 +408,10 @@ def _is_commanded(tables: Mapping[str, _Table]) -> bool:
 
 
 def _contact_tables(robot: Robot) -> list[dict[str, Any]]:
-    """Return a table for all links of each shape of contacts of a floating base."""
-    tables: dict[str, dict[str, Any]] = {}
-    for point in robot.floating_base.contacts if isinstance(robot, FloatingRobot) else ():
-        shape: dict[str, Any] = {"radius_m": point.radius_m, "is_flat": point.is_flat}
-        shape["position_m"] = [*map(float, point.position_m)]
-        shape = {name: value for name, value in shape.items() if np.any(value)}
-        tables.setdefault(str(shape), {"links": [], **shape})["links"].append(point.link)
-    return list(tables.values())
+    """Return a table for each contact of a floating base, of what is not zero."""
+    base = robot.floating_base if isinstance(robot, FloatingRobot) else None
+    tables = ({**asdict(x), "position_m": [*x.position_m]} for x in (base.contacts if base else ()))
+    return [{name: x for name, x in table.items() if np.any(x)} for table in tables]
 
 
 def _log_tables(
@@ -481,7 +421,7 @@ def _log_tables(
     tables: list[dict[str, Any]] = [
         {
             "files": [_relative(file, folder) for file in entry.files],
-            "description": entry.described and _relative(entry.described.file, folder),
+            "description": entry.file and _relative(entry.file, folder),
             "find_contacts": bool(_unflagged(robot, entry.log)),
         }
         for entry in logs
@@ -528,10 +468,6 @@ _TORQUES = ("joint_torque", *(f"motor_{kind}" for kind in _INPUTS))
 """Sensors of a torque, or of what is proportional to it, the most direct one first."""
 
 _POSITION_GAIN, _VELOCITY_GAIN = "position_gain_Nm_per_rad", "velocity_gain_Nms_per_rad"
-
-_LEAST_STEPS, _PART_OF_STEP = 20, 0.03
-"""Changes of a command below which nothing is said about how long it is held; part of the
-mean step that is no change, where larger steps count more."""
 
 _RATIO_KEYS = {False: "gear_ratio", True: "gear_ratio_rad_per_m"}
 """{whether a joint slides: key of the ratio of its gear in a table}."""
@@ -582,7 +518,7 @@ def _sent(logs: Sequence[Log], joint: str) -> list[str]:
 def _controlled(robot: Robot, joint: str, logs: Sequence[Log], law: Controller | None) -> _Table:
     """Return the drive table of a joint with a controller, K_v = K_d if it gets velocities."""
     gains, sent = _gains(law, _sent(logs, joint))
-    if all(_is_held(log, sent[0], joint) for log in logs):
+    if all(held_over(log.time, log.logged(joint)[sent[0]]) > 1 for log in logs):
         gains["is_held"] = True
     if "velocity_command" in sent:
         gains["command_velocity_gain_Nms_per_rad"] = gains[_VELOCITY_GAIN]
@@ -632,22 +568,6 @@ def filled(table: Mapping[str, Any]) -> dict[str, Any]:
 def _with_gaps(written: _Table, inferred: _Table) -> _Table:
     """Return the table of a drive as it is written, with the gaps of the inferred one."""
     return written | {x: value for x, value in inferred.items() if filled({x: value})[x] != value}
-
-
-def _is_held(log: Log, kind: str, joint: str) -> bool:
-    """Return whether a command is logged more often than it changes, and not by its rounding.
-
-    Steps of a rounded command that changes slowly are all alike: one unit of its last digit. Stamps
-    that are rounded leave a small part of a step in the next sample.
-    """
-    command = log.logged(joint)[kind]
-    steps = np.abs(np.diff(command))
-    # Each step weighted by itself: many zeros of a held command do not lower this mean.
-    size = float(steps @ steps) / max(float(np.sum(steps)), np.finfo(float).tiny)
-    changes = np.flatnonzero(steps > _PART_OF_STEP * size)
-    if len(changes) < _LEAST_STEPS or np.median(steps[changes]) <= 2 * resolution(command):
-        return False
-    return bool(np.median(np.diff(changes)) > 1)
 
 
 def _input(sensors: Set[str]) -> MotorInput | Literal[""]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
@@ -226,7 +226,7 @@ def load_project(path: str | Path = PROJECT_FILE) -> Project:
     values["experiment"] = {name: str(x) for name, x in values.get("experiment", {}).items()}
     return Project(
         file=file,
-        contacts=_contacts(reader, values.pop("contacts", []), where),
+        contacts=tuple(_contacts(reader, values.pop("contacts", []), where)),
         options=values.pop("identify", Options()),
         **values,
         payloads=FrozenMapping(payloads),
@@ -258,7 +258,6 @@ _OF_PROJECT = {
 }
 _OF_RUN = {key: _HINTS[key] for key in ("folder", "write", "fail_on")}
 _OF_LOG = {"file": Path, **types_of(ProjectLog)}
-_OF_CONTACT = {"links": tuple[str, ...], **types_of(Contact)}
 """{key: type} of the tables of a project file; those of [identify] are the fields of `Options`."""
 
 
@@ -284,25 +283,14 @@ def _log(reader: Reader, table: Any, where: str) -> ProjectLog:
     return ProjectLog(several or (file,), **values)
 
 
-def _contacts(reader: Reader, value: Any, where: str) -> tuple[Contact, ...]:
-    """Return the contacts of a list of links, or of tables such as { link = "foot", radius_m = 0 }.
-
-    A table is for several links too: { links = ["a", "b"], radius_m = 0.02 }.
-    """
-    contacts = list[Contact]()
+def _contacts(reader: Reader, value: Any, where: str) -> Iterator[Contact]:
+    """Yield the contacts of a list of links, or of tables as { link = "foot", radius_m = 0.02 }."""
     for number, entry in enumerate(value if isinstance(value, list) else [value], 1):
-        place = f"{where} contacts {number}"
         content = {"link": entry} if isinstance(entry, str) else entry
         if not isinstance(content, Mapping):
             wanted = 'a list of links or of tables, as { link = "foot" }'
             raise reader.refusal(value, wanted, "contacts", where)
-        values = reader.table(_OF_CONTACT, content, place)
-        links = values.pop("links", ())
-        links = [values.pop("link")] if "link" in values else links
-        if not links:
-            raise SeaidError(f"{place}: a contact needs 'link', or 'links'")
-        contacts += [Contact(link, **values) for link in links]
-    return tuple(contacts)
+        yield reader.instance(Contact, content, f"{where} contacts {number}")
 
 
 def _payloads(
@@ -349,14 +337,9 @@ def _check_samples(project: Project) -> None:
     files = [{real_path(path) for path in log.files} for log in project.logs]
     for (fitted, paths), (log, others) in permutations(zip(project.logs, files, strict=True), 2):
         if fitted.use == "identify" and paths & others and _overlap(fitted, log):
-            again = (
-                "to identify and to validate: validate on another log"
-                if log.use == "validate"
-                else "twice, which would count its samples twice: name each log once"
-            )
             raise SeaidError(
-                f"'{project.file}': the log '{log.name}' is used {again}, or give both a part, "
-                "as between_s = [0, 20]"
+                f"'{project.file}': the log '{log.name}' is used twice: name each log once, and "
+                "validate on another, or give both a part, as between_s = [0, 20]"
             )
 
 

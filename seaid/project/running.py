@@ -8,25 +8,26 @@ algebra, so that results do not depend on who computes them.
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 from importlib import import_module
-from itertools import chain, count
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, get_args
-from zlib import crc32
 
 from seaid._arrays import FrozenMapping
 from seaid._files import (
     PROJECT_FILE,
     owned_folder,
+    plain,
     point_latest,
     result_folder,
     write_json,
@@ -41,6 +42,7 @@ from seaid.errors import (
     Severity,
     by_severity,
     checked,
+    listed,
     reason_of,
 )
 from seaid.excitation.search import run_all
@@ -55,17 +57,12 @@ from seaid.identification import (
 )
 from seaid.identification.conditions import CONDITION_SPECIFIC
 from seaid.log import Log
-from seaid.project.first_project import write_first_project
 from seaid.project.project import Options, Project, check_logs, load_project
 from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
 from seaid.report.html_experiment import package_versions
 from seaid.simulation import ReplayComparison, compare_replays
 
 Test = TypeVar("Test", Validation, ReplayComparison)
-
-_LONGEST_NAME = 50
-"""Letters of a file's name before its suffixes, of up to four bytes; file systems have 255."""
-
 
 _INPUTS = "inputs"
 """The folder of the copies of the inputs in that of a run."""
@@ -144,7 +141,7 @@ def run_project(
     fits, together = _identified(project, progress)
     notes: list[str] = []
     provenance = provenance_of(project.files, _options(project), command)
-    places = _folder_names(fits) if together else dict.fromkeys(fits, "")
+    places = dict(zip(fits, map(_file_name, fits) if together else [""], strict=True))
     with owned_folder(project.folder) as folder:
         runs: dict[str, Run] = {}
         for name, fit in fits.items():
@@ -170,50 +167,6 @@ def run_project(
     runs = {name: replace(run, folder=target / places[name]) for name, run in runs.items()}
     results = tuple(target / file for file in files)
     return ProjectRun(target, FrozenMapping(runs), together, results, tuple(notes))
-
-
-@checked(SeaidError)
-def run(
-    urdf: str | Path,
-    logs: str | Path | Sequence[str | Path],
-    *,
-    folder: str | Path = ".",
-    progress: bool = False,
-    **options: Any,
-) -> ProjectRun:
-    """Write a first project of a robot and its logs, and run it, as `seaid init` and `seaid run`.
-
-    Parameters
-    ----------
-    urdf : str or Path
-        The robot.
-    logs : str, Path or a sequence of them
-        Its logs; of several the last one validates.
-    folder : str or Path
-        The folder of the project, in which no seaid.toml is yet.
-    progress : bool
-        Show progress bars.
-    **options
-        Those of `write_first_project`, as drives, payloads, controllers, base and contacts.
-
-    Returns
-    -------
-    ProjectRun
-        Its `notes` begin with what was inferred and has to be checked.
-
-    Raises
-    ------
-    SeaidError
-        As `write_first_project` and `run_project`.
-
-    Examples
-    --------
-    >>> done = seaid.run("leg.urdf", ["run.csv", "other.csv"], folder="leg")
-    >>> print(done.runs[""].identification.verdict.sentence)
-    """
-    made = write_first_project(urdf, logs, folder=folder, **options)
-    done = run_project(folder, progress=progress)
-    return replace(done, notes=(*made.doubts, *done.notes))
 
 
 @dataclass(frozen=True, repr=False)
@@ -380,24 +333,13 @@ def _cluster(executor: str, patience_s: float = 5.0) -> Iterator[Executor]:
         yield client.get_executor()
 
 
-def _folder_names(conditions: Iterable[str]) -> dict[str, str]:
-    """Return {condition: folder}, distinct also where capitals do not count, and not `inputs`."""
-    folders: dict[str, str] = {}
-    taken = {_INPUTS}
-    for condition in conditions:
-        name = _folder_name(condition)
-        names = chain([name], (f"{name}_{number}" for number in count(2)))
-        folders[condition] = next(folder for folder in names if folder.casefold() not in taken)
-        taken.add(folders[condition].casefold())
-    return folders
+def _file_name(name: str) -> str:
+    """Return the name of a condition or a robot as that of a folder or file."""
+    return re.sub(r"[^\w.-]", "_", name).strip(".")[:_LONGEST_NAME] or "without_name"
 
 
-def _folder_name(condition: str) -> str:
-    """Return a condition or a robot as the name of a folder or file, long ones cut."""
-    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in condition).strip(".")
-    if len(kept) > _LONGEST_NAME:
-        return f"{kept[:_LONGEST_NAME]}_{crc32(condition.encode()):08x}"
-    return kept or "without_condition"
+_LONGEST_NAME = 50
+"""Letters of a file's name before its suffixes, of up to four bytes; file systems have 255."""
 
 
 def _identified(
@@ -405,6 +347,8 @@ def _identified(
 ) -> tuple[dict[str, Identification], Conditions | None]:
     """Return the identification of each condition, and their comparison if there are several."""
     options = project.options
+    if len(project.conditions) > 1:
+        _check_together(project)
     read = {
         name: (robot, [log.read(robot) for log in project.logs_for("identify", name)])
         for name in project.conditions
@@ -413,7 +357,6 @@ def _identified(
     alone = ("method", "refine", "condition_specific")
     shared = {name: x for name, x in vars(options).items() if name not in alone}
     if len(read) > 1:
-        _check_together(project)
         specific = options.condition_specific or CONDITION_SPECIFIC
         together = identify_conditions(
             read, condition_specific=specific, progress=progress, **shared
@@ -437,19 +380,20 @@ def _check_together(project: Project) -> None:
             f"'{project.file}' [identify]: '{name}' is for logs of one condition: remove it, or "
             "give all logs the same condition"
         )
+    folders = {_file_name(condition).casefold() for condition in project.conditions}
+    if len({*folders, _INPUTS}) <= len(project.conditions):
+        raise SeaidError(
+            f"'{project.file}': each condition has a folder of its name: give other names than "
+            f"{listed(project.conditions)}, of letters and digits, and none '{_INPUTS}'"
+        )
 
 
 def _unseen_logs(project: Project, condition: str) -> dict[str, Log]:
-    """Return {name: log} of the logs that validate a condition; folders distinguish equal names."""
+    """Return {path: log} of the logs that validate a condition."""
     robot = project.robot(condition)
     # A log without a condition validates every one.
     sources = [x for x in project.logs_for("validate") if x.condition in (condition, "")]
-    names = [source.name for source in sources]
-    paths = [os.path.relpath(source.path, project.file.parent) for source in sources]
-    return {
-        name if names.count(name) == 1 else path: source.read(robot)
-        for name, path, source in zip(names, paths, sources, strict=True)
-    }
+    return {os.path.relpath(x.path, project.file.parent): x.read(robot) for x in sources}
 
 
 def _results(
@@ -469,11 +413,9 @@ def _options(project: Project) -> dict[str, Any]:
     """Return the options that differ from their defaults, with payloads and gravity."""
     default = vars(Options())
     changed = {name: x for name, x in vars(project.options).items() if x != default[name]}
-    for condition, payloads in project.payloads.items():
-        at = f" ({condition})" if condition else ""
-        for payload in payloads:
-            changed[f"payload on {payload.link}{at}"] = f"{payload.mass:g} kg at {payload.com} m"
-    return changed | {"gravity": " ".join(f"{x:g}" for x in project.gravity) + " m/s^2"}
+    by_condition = project.payloads.items()
+    changed |= {f"payloads {name}".strip(): plain(loads) for name, loads in by_condition}
+    return {**changed, "gravity": plain(project.gravity)}
 
 
 def _write(project: Project, run: Run, folder: Path) -> list[str]:
@@ -495,7 +437,7 @@ def _write(project: Project, run: Run, folder: Path) -> list[str]:
         moved, results = list(run.replays.values()), list(run.validations.values())
         page, unread = folder / "report.html", run.provenance["notes"]
         write_report(fit, page, results, facts=facts, replays=moved, notes=unread)
-    stem, notes = _folder_name(robot.name), []
+    stem, notes = _file_name(robot.name), []
     for kind, name in (("urdf", f"{stem}.urdf"), ("mjcf", f"{stem}.xml")):
         if kind in project.write:
             try:

@@ -10,26 +10,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
-import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from seaid._arrays import Array, FrozenMapping, IndexArray
-from seaid._files import MOST_JSON_BYTES, followed, whole_file
+from seaid._arrays import Array, FrozenMapping
+from seaid._files import followed, whole_file
 from seaid._progress import Display
 from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table
 from seaid.drives.toml import drives_from_mapping
-from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shortened, shown
-from seaid.identification import Identification, Validation
+from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shown
+from seaid.identification import Fit, Identification, Validation
 from seaid.log import Motion
 from seaid.log.motion import decimated
 from seaid.report.html_experiment import package_versions, system_name
@@ -44,9 +41,6 @@ _FORMAT = "seaid run 5"
 """The format of this version, the only one that loads. It rises when a file of before would load
 wrongly or not at all: 1 had no checksum, 2 had findings in estimates, 3 is from before robots with
 a floating base had a type of their own, and 4 had the parts of a run one by one."""
-
-_MOST_GROWTH = 20
-"""Most bytes of content per byte of a file; NaN in the place of missing sensors makes up to six."""
 
 _RATE_PER_CUTOFF = 25.0
 """Least sampling rate of a saved motion over its cutoff; positions have five times the cutoff."""
@@ -172,7 +166,8 @@ def load_run(path: str | Path) -> Run:
     path = followed(path)
     file = path / FILE if path.is_dir() else path
     try:
-        arrays = _arrays(file)
+        with file.open("rb") as archive, np.load(archive, allow_pickle=False) as stored:
+            arrays: dict[str, NDArray[Any]] = dict(stored)
         content = json.loads(arrays["content"].tobytes())
         if content["format"] != _FORMAT:
             raise SeaidError(
@@ -182,7 +177,6 @@ def load_run(path: str | Path) -> Run:
         if not np.array_equal(arrays.pop("checksum"), _checksum(arrays)):
             raise ValueError("its content is not what was saved, by its checksum")
         run: Run = _restored(content["run"], arrays)
-        _check_origin(run.provenance)
         identification = _with_copies(run.identification, file.parent / "inputs")
         folder = path if path.is_dir() else None
         return replace(run, identification=identification, folder=folder)
@@ -192,7 +186,8 @@ def load_run(path: str | Path) -> Run:
         raise SeaidError(f"'{file}' cannot be loaded: {problem}") from None
     except Exception as problem:  # a damaged file raises any exception of its readers
         raise SeaidError(
-            f"'{file}' is no saved run, or damaged: {reason_of(problem)}; repeat the run"
+            f"'{file}' is no saved run, which seaid run writes, and identify -o NAME.npz, or it is "
+            f"damaged: {reason_of(problem)}; repeat the run"
         ) from None
 
 
@@ -209,122 +204,9 @@ def _without_run(path: Path) -> SeaidError:
     )
 
 
-def _arrays(file: Path) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a file whose content is not out of proportion to it."""
-    with zipfile.ZipFile(file) as archive:
-        members = archive.infolist()
-    most = MOST_JSON_BYTES + _MOST_GROWTH * file.stat().st_size
-    if sum(member.file_size for member in members) > most:
-        raise ValueError(f"it declares more than {most / 1e6:.0f} MB of content")
-    # Readers of other compressions use unlimited memory.
-    if any(x.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for x in members):
-        raise ValueError("it has a compression that NumPy does not write")
-    # NumPy refuses objects, and a header that declares more numbers than follow it.
-    with np.load(file, allow_pickle=False) as stored:
-        arrays = dict(stored)
-    if len(arrays["content"]) > MOST_JSON_BYTES:
-        raise ValueError(f"its content has more than {MOST_JSON_BYTES // 2**20} MB")
-    return arrays
-
-
-def _as_annotated(value: Any) -> Any:
-    """Return an object of a dataclass; raise TypeError or ValueError for a field of another kind.
-
-    Types are those of the annotations. Lengths are those of the docstring: arrays (T, n) and a
-    tuple of n str have one n, an array (10n,) is ten times as long.
-    """
-    kind: Any = type(value)
-    lengths: dict[str, float] = {}
-    for name, content in _fields_of(value).items():
-        place = f"{kind.__name__}.{name}"
-        if not _matches(content, _hints_of(kind)[name]):
-            raise TypeError(f"{place} is {shortened(content)}")
-        symbols = _documented_shapes(kind).get(name, ())
-        if not symbols or content is None:
-            continue
-        shape = content.shape if isinstance(content, np.ndarray) else (len(content),)
-        if len(shape) != len(symbols):
-            raise ValueError(f"{place} has the shape {shape}")
-        for symbol, length in zip(symbols, shape, strict=True):
-            factor, letter = _LENGTH.fullmatch(symbol.strip()).groups()  # type: ignore[union-attr]
-            size = length / float(factor or 1)  # "10n" of the length 30: n is 3
-            expected = lengths.setdefault(letter, size) if letter else 1.0  # "3" is exactly 3
-            if size != expected:
-                raise ValueError(f"{place} has the shape {shape}, which others contradict")
-    return value
-
-
 def _fields_of(value: Any) -> dict[str, Any]:
     """Return the fields of an object of a dataclass."""
     return {attribute.name: getattr(value, attribute.name) for attribute in fields(value)}
-
-
-_LENGTH = re.compile(r"(\d*)([A-Za-z]?)")
-"""A length in a documented shape: "T", "10n" or "3"."""
-
-_DOCUMENTED = re.compile(
-    r"^ *([\w, ]+) : (?:(?:bool |nd)?arrays? \(([^)+]*)\)|tuple of (?:str \((\w+),\)|(\w) \w+))",
-    re.MULTILINE,
-)
-"""A line of the docstring of a class: "a, b : array (T, n)" or "names : tuple of n str". To change
-it is to change which files load; a length with a plus is not checked."""
-
-
-_hints_of = cache(hints_of)
-
-
-@cache
-def _documented_shapes(kind: Any) -> dict[str, tuple[str, ...]]:
-    """Return {field: lengths of its array or tuple} as the docstring of a class has them."""
-    return {
-        name.strip(): tuple(filter(None, "".join(lengths).split(",")))
-        for names, *lengths in _DOCUMENTED.findall(kind.__doc__ or "")
-        for name in names.split(",")
-    }
-
-
-def _matches(value: Any, hint: Any) -> bool:
-    """Return whether a value and all that it contains are what an annotation says."""
-    origin, inner = get_origin(hint) or hint, get_args(hint)
-    if origin in (Union, UnionType):
-        return any(_matches(value, alternative) for alternative in inner)
-    if origin is Literal:
-        return isinstance(value, str) and value in inner
-    if isinstance(value, bool) and origin in (int, float):
-        return False
-    if not isinstance(value, _TYPES.get(origin, origin)):
-        return False
-    if origin is np.ndarray:
-        return (
-            value.dtype.kind
-            in {"f": "iuf", "i": "iu", "b": "b"}[np.dtype(get_args(inner[1])[0]).kind]
-        )
-    return _contains(value, inner)
-
-
-_TYPES: dict[Any, Any] = {float: (float, int), Any: object}
-"""Types of the values of annotations that are no type of their own, or allow another one."""
-
-
-def _contains(value: Any, inner: tuple[Any, ...]) -> bool:
-    """Return whether the content of a mapping or tuple is what its annotation says, if anything."""
-    if isinstance(value, Mapping) and inner:
-        return all(_matches(key, inner[0]) and _matches(x, inner[1]) for key, x in value.items())
-    if isinstance(value, tuple) and inner:
-        hints = inner[:1] * len(value) if inner[-1] is ... else inner
-        return len(hints) == len(value) and all(map(_matches, value, hints))
-    return True
-
-
-def _check_origin(provenance: Mapping[str, Any]) -> None:
-    """Raise ValueError for an origin that is not one of `provenance_of`, or empty."""
-    texts, entries = tuple[str, ...], tuple[Mapping[str, str | int | None], ...]
-    hints: dict[str, Any] = {"command": texts, "inputs": entries, "notes": texts}
-    hints |= {"options": Mapping[str, Any], "versions": Mapping[str, str]}
-    keys = {"path", "bytes", "sha256"}
-    is_right = all(_matches(provenance[name], hints[name]) for name in hints if name in provenance)
-    if not is_right or any(keys - {*entry} for entry in provenance.get("inputs", ())):
-        raise ValueError("its provenance is none")
 
 
 def _with_copies(identification: Identification, inputs: Path) -> Identification:
@@ -337,36 +219,32 @@ def _with_copies(identification: Identification, inputs: Path) -> Identification
     return replace(identification, **moved)
 
 
+def _factor(motion: Motion) -> int:
+    return max(1, int(motion.rate_hz / (_RATE_PER_CUTOFF * motion.cutoff_hz)))
+
+
 def _thinned(motion: Motion) -> Motion:
     """Return the motion with the least rate that is `_RATE_PER_CUTOFF` times the cutoff."""
     factor = _factor(motion)
     return decimated(motion, factor) if factor > 1 else motion
 
 
-def _factor(motion: Motion) -> int:
-    return max(1, int(motion.rate_hz / (_RATE_PER_CUTOFF * motion.cutoff_hz)))
-
-
 def _thinned_validation(validation: Validation) -> Validation:
-    """Return the validation with thinned motions and the same samples of its torques."""
-    lengths = [len(motion.time) for motion in validation.motions]
-    if sum(lengths) != len(validation.time):
+    """Return the validation on one motion with this and its torques thinned."""
+    if len(validation.motions) != 1:
         return validation
-    # The torques of all motions follow each other, and are thinned as each motion is.
-    of_motions = np.split(np.arange(sum(lengths)), np.cumsum(lengths)[:-1])
-    factors = map(_factor, validation.motions)
-    kept = np.concatenate([x[::k] for x, k in zip(of_motions, factors, strict=True)])
-    parts = {name: x for name, x in _fields_of(validation).items() if is_dataclass(x)}
-    thinned: dict[str, Any] = {name: _with_samples(x, kept) for name, x in parts.items()}
-    motions = tuple(map(_thinned, validation.motions))
-    return replace(validation, time=validation.time[kept], motions=motions, **thinned)
+    samples, factor = len(validation.time), _factor(validation.motions[0])
 
+    def thinned(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value[::factor] if value.shape[:1] == (samples,) else value
+        if isinstance(value, Fit):
+            return replace(value, **{name: thinned(x) for name, x in _fields_of(value).items()})
+        return value
 
-def _with_samples(value: Any, kept: IndexArray) -> Any:
-    """Return an object of a dataclass with some samples of its arrays (T, ...)."""
-    kind: Any = type(value)
-    names = [name for name, symbols in _documented_shapes(kind).items() if symbols[0] == "T"]
-    return replace(value, **{name: getattr(value, name)[kept] for name in names})
+    content = {name: thinned(x) for name, x in _fields_of(validation).items()}
+    content["motions"] = tuple(map(_thinned, validation.motions))
+    return replace(validation, **content)
 
 
 @cache
@@ -383,7 +261,7 @@ def _classes() -> dict[str, Any]:
         waiting += get_args(hint)
         if isinstance(hint, type) and is_dataclass(hint) and hint.__name__ not in found:
             found[hint.__name__] = hint
-            waiting += _hints_of(hint).values()
+            waiting += hints_of(hint).values()
     return found
 
 
@@ -427,7 +305,7 @@ def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
     make = _classes()[kind]
     if issubclass(make, Robot):
         make = partial(_robot, make)
-    return _as_annotated(make(**restored(value["fields"])))
+    return make(**restored(value["fields"]))
 
 
 def _robot_fields(robot: Robot) -> dict[str, Any]:
@@ -440,19 +318,13 @@ def _robot_fields(robot: Robot) -> dict[str, Any]:
 
 def _robot(kind: type[Robot], **content: Any) -> Robot:
     """Return the robot of `_robot_fields`."""
-    joints = [_as_annotated(ModelJoint(**values)) for values in content["model"]["joints"]]
-    # Pinocchio's joint 0 is the base, and joint place + 1 is here: its parent has a lower number.
-    if any(not 0 <= joint.parent <= place for place, joint in enumerate(joints)):
-        raise ValueError("a joint of the robot comes before its parent")
-    own_bodies = len(content["body_names"]) - (content["floating_base"] is not None)
-    if len(joints) != own_bodies:
-        raise ValueError(f"a robot of {own_bodies} bodies that move has {len(joints)} joints")
+    joints = [ModelJoint(**values) for values in content["model"]["joints"]]
     drives = {
         joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
         for joint, drive in drives_from_mapping(content["drives"]).items()
     }
     model = model_of(content["name"], content["model"]["gravity"], joints)
-    robot: Robot = _as_annotated(kind(**{**content, "model": model, "drives": drives}))
+    robot = kind(**{**content, "model": model, "drives": drives})
     # `model_of` makes joints only: this sets the inertias of the model.
     return robot.with_values(robot.parameters, drives)
 

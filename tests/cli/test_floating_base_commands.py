@@ -79,7 +79,7 @@ PROJECT = """
 urdf = "go2"
 base = "floating"
 imu_link = "imu"
-contacts = ["FL_foot", { links = ["FR_foot", "RL_foot"], radius_m = 0.02 },
+contacts = ["FL_foot", { link = "FR_foot", radius_m = 0.02 },
             { link = "RR_foot", position_m = [0, 0, -0.02], is_flat = true }]
 """
 
@@ -92,7 +92,7 @@ def test_a_project_file_has_the_base_and_its_contacts(tmp_path: Path) -> None:
     assert base is not None
     assert base.contacts == (
         seaid.robot.Contact("FL_foot"),
-        *(seaid.robot.Contact(link, radius_m=0.02) for link in ("FR_foot", "RL_foot")),
+        seaid.robot.Contact("FR_foot", radius_m=0.02),
         seaid.robot.Contact("RR_foot", (0.0, 0.0, -0.02), is_flat=True),
     )
     assert base.imu_link == "imu"
@@ -102,8 +102,8 @@ def test_a_project_file_has_the_base_and_its_contacts(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ('"FL_foot"', "3", "'contacts' must be a list of links or of tables"),
-        ("{ link = ", "{ lnk = ", "no key is named 'lnk'"),
-        ('link = "RR_foot", ', "", "contacts 3: a contact needs 'link', or 'links'"),
+        ("{ link = ", "{ links = ", "no key is named 'links'; did you mean 'link'"),
+        ('link = "RR_foot", ', "", "contacts 3: key 'link' is missing"),
         ("floating", "flying", "no value is named 'flying'"),
     ],
 )

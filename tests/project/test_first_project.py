@@ -18,7 +18,7 @@ from seaid._arrays import Array
 from seaid.checks.tolerances import BODY as WIDTH_OF_BODIES
 from seaid.errors import IdentificationError, SeaidError
 from seaid.project import FirstProject, Project, load_project, run_project, write_first_project
-from seaid.project.first_project import _drives_text, _lock_hints, inferred_drives
+from seaid.project.first_project import _drives_text, inferred_drives
 from seaid.regressor import joint_torques
 from tests import experiments
 from tests.legged.test_floating_base import base_of, swayed
@@ -169,18 +169,6 @@ def test_joints_that_no_column_names_are_locked_and_said(tmp_path: Path) -> None
     assert project.robot().joint_names == ("elbow",)
 
 
-def test_a_motor_that_stands_without_a_joint_encoder_has_no_place_to_lock_it() -> None:
-    """The mean of its positions, of which there are none, once gave a RuntimeWarning."""
-    robot, log = experiments.leg(), experiments.leg_log()
-    position, motor = log.joint_position.copy(), log.motor_position.copy()
-    position[:, 0] = 0.25
-    motor[:, :2] = 3.0
-    hints = [*_lock_hints(robot, [replace(log, joint_position=position, motor_position=motor)])]
-    assert hints == ["hip_yaw: no motion in any log; lock what stands still: --locked hip_yaw=0.25"]
-    position[:, 1] = np.nan
-    assert not [*_lock_hints(robot, [replace(log, joint_position=position, motor_position=motor)])]
-
-
 @pytest.mark.parametrize(("lost", "is_named"), [(None, False), ("arm.effort", True)])
 def test_locked_joints_are_named_where_a_joint_lacks_columns_only(
     tmp_path: Path, lost: str | None, is_named: bool
@@ -293,23 +281,14 @@ def test_an_inferred_ratio_always_has_an_error(monkeypatch: pytest.MonkeyPatch) 
         assert f" +- {error:.2g} from both encoders" in said
 
 
-def test_one_call_makes_and_runs_a_project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[object] = []
-
-    def project_run(folder: Path, progress: bool = False) -> seaid.project.ProjectRun:
-        asked.append((folder, progress, (folder / "seaid.toml").is_file()))
-        return seaid.project.ProjectRun(folder, {}, None, (), ("not written",))
-
-    monkeypatch.setattr("seaid.project.running.run_project", project_run)
+def test_a_project_is_written_once_and_from_logs(tmp_path: Path) -> None:
     urdf, log = MODELS / "hebi_arm_2.urdf", LOGS / "hebi_arms/grav_comp_bad.npz"
-    done = seaid.run(urdf, log, folder=tmp_path)
-    assert asked == [(tmp_path, False, True)]
-    assert "lies next to the URDF and is used" in done.notes[0]
-    assert done.notes[-1] == "not written"
+    made = write_first_project(urdf, log, folder=tmp_path)
+    assert "lies next to the URDF and is used" in made.doubts[0]
     with pytest.raises(SeaidError, match=r"is there already: .* seaid.run_project\(folder\)"):
-        seaid.run(urdf, [log], folder=tmp_path)
+        write_first_project(urdf, [log], folder=tmp_path)
     with pytest.raises(SeaidError, match="a project needs a log"):
-        seaid.run(urdf, [], folder=tmp_path / "other")
+        write_first_project(urdf, [], folder=tmp_path / "other")
 
 
 @pytest.mark.parametrize(
@@ -395,27 +374,25 @@ def test_masses_are_as_uncertain_as_the_checks_assume(tmp_path: Path) -> None:
     assert '# link = "link_of_arm"' in text
 
 
-def test_columns_of_no_joint_are_named_and_a_description_is_begun(tmp_path: Path) -> None:
+def test_columns_of_no_joint_are_named_for_a_description(tmp_path: Path) -> None:
     """Motors with other names than joints: the message listed seaid's own columns instead."""
-    chain(tmp_path, "a", "wrist_pitch")
+    robot = chain(tmp_path, "a", "wrist_pitch")
     names = {"wrist_x/motor_pos": 0, "wrist_x/tau_motor": 1, "wrist_pitch/link_pos": 2}
     time = np.arange(6000) / 200
     more = {name: np.sin((2 + k) * time) for name, k in names.items()}
     log, folder = geared_log(tmp_path, 1, **more), tmp_path / "p"
-    for _ in range(2):  # a draft that nobody has edited is no answer
-        with pytest.raises(SeaidError) as caught:
-            write_first_project(tmp_path / "robot.urdf", [log], folder=folder)
-    message, draft = str(caught.value), folder / "run_columns.toml"
+    with pytest.raises(SeaidError) as caught:
+        write_first_project(tmp_path / "robot.urdf", [log], folder=folder)
+    message, description = str(caught.value), log.with_suffix(".toml")
     assert "wrist_pitch: no torque, current or voltage found" in message
     assert "wrist_x/motor_pos: has the name of a position, and is not used" in message
     assert "wrist_x/tau_motor: has the name of a torque, and is not used" in message
-    assert f"name the columns of the others in '{draft}'" in message
+    assert f"seaid describe {log} -o {description}" in message
     assert "its columns are" not in message
-    text = draft.read_text()
-    draft.write_text(f'{text.rstrip()}\nmotor_torque = "wrist_x/tau_motor"\n')
-    made = write_first_project(tmp_path / "robot.urdf", [log], folder=folder)
+    text = seaid.describe_log(log, robot).to_toml()
+    description.write_text(f'{text.rstrip()}\nmotor_torque = "wrist_x/tau_motor"\n')
+    write_first_project(tmp_path / "robot.urdf", [log], folder=folder)
     assert load_project(folder).robot().joint_names == ("a", "wrist_pitch")
-    assert made.files[0] == folder / "seaid.toml"
 
 
 def test_a_base_in_columns_of_its_own_stands_beside_joints_with_names_of_seaid(

@@ -11,7 +11,7 @@ import pytest
 import seaid
 from seaid.errors import SeaidError
 from seaid.project import load_project, log_at, run_project
-from seaid.project.running import _folder_name, _folder_names, _unseen_logs
+from seaid.project.running import _file_name, _unseen_logs
 from tests import experiments
 from tests.measured import LOGS
 
@@ -157,9 +157,9 @@ def test_conditions_are_identified_together(tmp_path: Path) -> None:
         run_project(load_project(tmp_path))
 
 
-TWICE = "which would count its samples twice"
+TWICE = "is used twice"
 
-A, B, OTHER = '["a.csv", "b.csv"]', '["b.csv", "a.csv"]', "validate on another log"
+A, B, OTHER = '["a.csv", "b.csv"]', '["b.csv", "a.csv"]', "validate on another"
 
 PAIRS = {
     f'[[log]]\nfiles = {A}\n[[log]]\nfiles = {B}\nuse = "validate"': "validate on",
@@ -186,7 +186,7 @@ PAIRS = {
             "no log identifies the condition x",
         ),
         ("between_s = [0, 20]", "between_s = [20, 0]", r"\[\[log\]\] 1: 'between_s' must be"),
-        ("between_s = [0, 20]", "", r"'run.npz@20:100' is used to identify and to validate"),
+        ("between_s = [0, 20]", "", r"'run.npz@20:100' is used twice"),
         ('file = "run.npz"', "files = []", r"\[\[log\]\] 1: give either 'file' or 'files'"),
         ('link = "forearm"', "", r"\[\[payload\]\] 1: key 'link' is missing"),
         ('fail_on = "wrong"', 'fail_on = "bad"', r"\[run\]: 'fail_on': no value is named 'bad'"),
@@ -213,16 +213,17 @@ def test_logs_are_checked_before_a_run(tmp_path: Path, logs: str) -> None:
         run_project(str(tmp_path))
 
 
-@pytest.mark.parametrize("letter", ["a", "é", "关", "𐐀"])
-def test_names_of_folders_are_short_and_distinct(tmp_path: Path, letter: str) -> None:
-    first, second = (_folder_name(300 * letter + end) for end in "ab")
-    assert first != second
-    (tmp_path / f".seaid-{first}.provenance.json").write_bytes(b"")
-    assert _folder_name("a b/c") == "a_b_c"
-    names = ["a b", "a_b", "A b", "inputs", "..", ""]
-    folders = _folder_names(names)
-    assert [*folders] == names
-    assert len({one.casefold() for one in folders.values()} | {"inputs"}) == len(names) + 1
+def test_names_of_folders_are_short_and_distinct(tmp_path: Path) -> None:
+    assert [_file_name(x) for x in ("a b/c", "..", "", 300 * "é")] == [
+        *("a_b_c", "without_name", "without_name", 50 * "é")
+    ]
+    text = 'urdf = "arm.urdf"\n'
+    for name in ("warm", "Warm"):
+        (tmp_path / f"{name}.csv").touch()
+        text += f'[[log]]\nfile = "{name}.csv"\ncondition = "{name}"\n'
+    (tmp_path / "seaid.toml").write_text(text)
+    with pytest.raises(SeaidError, match="a folder of its name: give other names than warm, Warm"):
+        run_project(tmp_path)
 
 
 def test_logs_of_one_name_validate_each_on_its_own(folder: Path) -> None:

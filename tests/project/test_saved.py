@@ -177,40 +177,8 @@ def write(path: Path, arrays: dict[str, Any], content: Any) -> None:
     np.savez_compressed(path, checksum=_checksum(arrays), **arrays)
 
 
-@pytest.mark.parametrize(
-    ("place", "value", "words"),
-    [
-        (("load", "values"), "a", "values must be numbers of shape"),
-        (("load", "covariance"), np.zeros((2, 3)), r"covariance must have shape .* found \(2, 3\)"),
-        (("load", "names"), ["a", 1], r"values must have shape \(2\)"),
-        (("cutoff_hz",), "6", "Identification.cutoff_hz is 6"),
-        (("robot", "parameters"), np.zeros(7), r"Robot.parameters has the shape \(7,\)"),
-        (("robot",), None, "Identification.robot is None"),
-        (("motions",), [1.0], "Identification.motions is"),
-        (("joint_fits",), {"is": "mapping", "items": [["a", 1]]}, "joint_fits is"),
-    ],
-)
-def test_fields_of_a_run_are_as_annotated(
-    place: tuple[str, ...], value: Any, words: str, tmp_path: Path
-) -> None:
-    path, arrays, content = saved(tmp_path)
-    item = content["run"]
-    for name in ("identification", *place[:-1]):
-        item = dict(item["fields"]["items"])[name]
-    if isinstance(value, np.ndarray):
-        arrays["new"], value = value, {"is": "array", "name": "new"}
-    (pair,) = [pair for pair in item["fields"]["items"] if pair[0] == place[-1]]
-    pair[1] = value
-    write(path, arrays, content)
-    with pytest.raises(SeaidError, match=words):
-        load_run(path)
-
-
 def test_a_small_file_does_not_take_much_memory(tmp_path: Path) -> None:
-    path, _, content = saved(tmp_path)
-    write(path, {"a0": np.zeros(2**25, dtype=np.uint8)}, content)
-    with pytest.raises(SeaidError, match="declares more than"):
-        load_run(path)
+    path = tmp_path / "run.npz"
     header = (
         b"\x93NUMPY\x01\x00v\x00"
         + str({"descr": "<f8", "fortran_order": False, "shape": (10**12,)}).encode().ljust(117)
