@@ -77,8 +77,8 @@ def _in_friction(side: Side, joint: str, of_each: Array, is_free: BoolArray) -> 
     # Friction that takes up errors of the model is negative in some logs: that is no temperature.
     if explained < MATTERS or not scores or min(lowest.values()) < -SURE:
         return None
-    specific = ",".join(sorted({"spring_offset", *(x.quantity for x in scores)}))
-    remedy = f"give each log a condition of its own, with --specific {specific}"
+    specific = ", ".join(f'"{x}"' for x in sorted({"spring_offset", *(x.quantity for x in scores)}))
+    remedy = f"give each log a condition of its own, with condition_specific = [{specific}]"
     cause = "the logs differ in friction, as by the temperature: own values of each"
     return _of_logs(side, joint, cause, explained, scores, remedy)
 

@@ -576,7 +576,7 @@ def test_a_cold_and_a_warm_log_are_named_by_their_friction_and_repaired(
     found = doubts((robot, logs))
     assert causes(found) == {"logs-differ"}
     named = next(x for x in found if x.code == "logs-differ")
-    specific = named.remedy.partition("--specific ")[2].split(",")
+    specific = named.remedy.split('"')[1::2]
     assert {"viscous_friction", "spring_offset"} <= {*specific} <= {*FRICTION, "spring_offset"}
     conditions = {f"log {k}": (robot, [log]) for k, log in enumerate(logs)}
     together = seaid.identify_conditions(conditions, condition_specific=specific)
