@@ -263,20 +263,6 @@ def test_every_limit_and_gravity_is_an_option(arm: Path) -> None:
     assert none["result"]["base_parameters"] == list(seaid.base_parameters(robot).expressions)
 
 
-def test_a_late_channel_is_corrected(arm: Path, tmp_path: Path) -> None:
-    log, robot, output = log_of(arm), robot_of(arm), tmp_path / "corrected.csv"
-    late = np.array(log.motor_position)
-    late[5:, 0] = late[:-5, 0]  # the motor encoder of the shoulder is 5 ms late
-    seaid.write_log(replace(log, motor_position=late), tmp_path / "late.csv")
-    line = ("check", *robot_and_drives(arm), tmp_path / "late.csv", "--delays")
-    assert "is 5" in done(*line, "-o", output).out
-    corrected = seaid.read_log(output, robot)
-    part = slice(400, 900)
-    true = np.interp(corrected.time[part], log.time, log.motor_position[:, 0])
-    error = corrected.motor_position[part, 0] - true
-    assert np.max(np.abs(error)) < 0.05 * np.ptp(true)
-
-
 @pytest.fixture(scope="module")
 def sines(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A multisine planned on the command line, and its simulated log without joint encoder."""

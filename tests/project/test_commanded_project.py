@@ -15,7 +15,6 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.errors import LogError, RobotError, SeaidError
-from seaid.log.readers.opening import open_table
 from seaid.project import FirstProject
 from tests import experiments
 from tests.cli.small_arm import done, run
@@ -177,35 +176,6 @@ def test_gains_may_be_those_of_each_joint(tmp_path: Path) -> None:
     wrong = run("init", "go2", GO2, "--position-gain", "knee=20", "--folder", tmp_path / "x")
     assert "--position-gain: " in wrong.err
     assert wrong.code == 1
-
-
-HEADS = (
-    ("q_{}", "q_des_{}"),
-    ("{}_pos", "{}_goal_position"),
-    ("pos[{}]", "cmd_pos[{}]"),
-    ("{}/position", "{}/position_setpoint"),
-)
-
-
-@pytest.mark.parametrize("heads", HEADS)
-def test_custom_names_of_commands_are_recognised(heads: tuple[str, str], tmp_path: Path) -> None:
-    table, joints = open_table(GO2), LEG.split(",")
-    names = ["time_s", *(f"{j}.{x}_rad" for x in ("position", "command") for j in joints)]
-    data = table.load(names)
-    head = ["time_s", *(form.format(joint) for form in heads for joint in joints)]
-    columns = dict(zip(head, (data[name] for name in names), strict=True))
-    file = write_columns(tmp_path / "log.csv", columns)
-    robot = seaid.load_robot("go2", joints=joints)
-    guess = seaid.describe_log(file, robot)
-    log = seaid.read_log(file, robot, description=guess.description)
-    assert log.position_command is not None
-    wanted = data[f"{joints[2]}.command_rad"]
-    np.testing.assert_allclose(log.position_command[:, 2], wanted, atol=2e-5)
-    assert any("its drive needs motor_input" in one for one in guess.unsure)
-    # beside a torque, commands need no drive that takes them
-    torques = {f"torque_{joint}": np.sin(data["time_s"]) for joint in joints}
-    guess = seaid.describe_log(write_columns(tmp_path / "t.csv", columns | torques), robot)
-    assert "position_command" not in guess.description.joints[joints[0]]
 
 
 def test_gains_replace_the_drives_next_to_the_robot_and_exclude_others(tmp_path: Path) -> None:

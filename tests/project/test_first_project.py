@@ -417,17 +417,3 @@ def test_a_base_in_columns_of_its_own_stands_beside_joints_with_names_of_seaid(
     assert again.specific_force == pytest.approx(base.specific_force)
     assert again.contacts.keys() == base.contacts.keys()
     assert read.motor_torque == pytest.approx(log.motor_torque)
-
-
-@pytest.mark.parametrize("supply", ["battery_voltage", "vbus_V", ""])
-def test_a_duty_cycle_beside_names_of_seaid_is_a_voltage(tmp_path: Path, supply: str) -> None:
-    one_joint(tmp_path, "revolute")
-    time, volts = np.arange(4000) / 200, np.full(4000, 24.0)
-    columns = {"time_s": time, "arm.joint_position_rad": 0.6 * np.sin(time)}
-    columns |= {"pwm": 0.4 * np.cos(time), **({supply: volts} if supply else {})}
-    _, project = first_project(tmp_path, tmp_path / "arm.urdf", columns)
-    read = project.logs[0].read(project.robot())
-    assert read.motor_voltage is not None
-    full = 24.0 if supply else 1.0
-    assert read.motor_voltage[:, 0] == pytest.approx(full * 0.4 * np.cos(time))
-    assert "no supply is logged" in project.file.read_text() or supply

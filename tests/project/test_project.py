@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 import seaid
 from seaid.errors import SeaidError
 from seaid.project import load_project, log_at, run_project
-from seaid.project.running import _file_name, _unseen_logs
+from seaid.project.running import _file_name
 from tests import experiments
 from tests.measured import LOGS
 
@@ -224,16 +223,6 @@ def test_names_of_folders_are_short_and_distinct(tmp_path: Path) -> None:
     (tmp_path / "seaid.toml").write_text(text)
     with pytest.raises(SeaidError, match="a folder of its name: give other names than warm, Warm"):
         run_project(tmp_path)
-
-
-def test_logs_of_one_name_validate_each_on_its_own(folder: Path) -> None:
-    for name in ("a", "b"):
-        (folder / name).mkdir()
-        shutil.copy(folder / "run.npz", folder / name)
-    text = '[[log]]\nfile = "{}/run.npz"\ndescription = "columns.toml"\nuse = "validate"\n'
-    (folder / "seaid.toml").write_text(PROJECT + text.format("a") + text.format("b"))
-    logs = _unseen_logs(load_project(folder), "")
-    assert [*logs] == ["run.npz@20:100", "a/run.npz", "b/run.npz"]
 
 
 def test_parts_of_logs_on_the_command_line(tmp_path: Path) -> None:
