@@ -232,26 +232,6 @@ def check_name(
 _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
 
-MADE_BY = {
-    "Robot": "seaid.load_robot(urdf, drives)",
-    "Log": "seaid.read_log(path, robot)",
-    "LongLog": "seaid.open_long_log(path, robot)",
-    "Motion": "seaid.reconstruct_motion(robot, log)",
-    "Trajectory": "seaid.load_trajectory(path), or .trajectory of seaid.design_excitation(...)",
-    "Identification": "seaid.identify(robot, logs)",
-    "Validation": "seaid.validate(identification, log)",
-    "BaseParameters": "seaid.base_parameters(robot)",
-    "Scene": "seaid.excitation.load_scene(urdf, robot)",
-    "Payload": "seaid.Payload(link, mass)",
-    "Limits": "seaid.Limits(velocity=2.0)",
-    "Stance": 'seaid.excitation.Stance(["left_foot", "right_foot"])',
-    "Repairs": "seaid.Repairs()",
-    "LogDescription": "seaid.describe_log(path, robot).description",
-    "Delay": "seaid.identification.estimate_delays(robot, log)",
-    "FoundContacts": "seaid.legged.find_contacts(robot, log)",
-}
-"""{type of an argument: the call that makes one}."""
-
 
 def checked(
     error: type[SeaidError],
@@ -271,12 +251,12 @@ def checked(
         def call(*values: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
             try:
                 arguments = signature.bind(*values, **named).arguments
-            except TypeError:
-                text = _wrong_call(function.__name__, signature, values, named, hints())
+            except TypeError as problem:
+                text = _wrong_call(function.__name__, signature.parameters, named, str(problem))
                 raise error(text) from None
             for name, value in arguments.items():
                 if not _fits(value, hints(name).get(name, Any)):
-                    raise error(_mismatch(function.__name__, name, arguments, hints()), f"{name}=")
+                    raise error(_mismatch(name, value, hints()[name]), f"{name}=")
             return function(*values, **named)
 
         return call
@@ -305,31 +285,14 @@ def hints_of(function: Any, with_limits: bool = False, only: str = "") -> dict[s
 
 
 def _wrong_call(
-    function: str,
-    signature: inspect.Signature,
-    values: tuple[Any, ...],
-    named: Mapping[str, Any],
-    hints: Mapping[str, Any],
+    function: str, parameters: Mapping[str, inspect.Parameter], named: Iterable[str], problem: str
 ) -> str:
     """Return the message for arguments that are missing, unknown or too many."""
     for name in named:
-        if name not in signature.parameters:
-            return f"{function}: {unknown_name('argument', name, signature.parameters)}"
-    ordered = [p for p in signature.parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
-    needed = [p.name for p in ordered if p.default is p.empty]
-    call = f"{function}({', '.join(needed)})"
-    for name in needed[len(values) :]:
-        if name not in named:
-            maker = _maker(_parts(hints[name]))
-            return f"{name} is missing: write {call}{maker and f'; make it with {maker}'}"
-    most = f"at most {len(ordered)} arguments without a name, found {len(values)}"
-    return f"{call} takes {most}: write the others as name=value, each once"
-
-
-def _maker(parts: Iterable[Any]) -> str:
-    """Return the call that makes the first alternative which has one, else an empty text."""
-    names = (getattr(part, "__name__", "") for part in parts)
-    return next((MADE_BY[name] for name in names if name in MADE_BY), "")
+        if name not in parameters:
+            return f"{function}: {unknown_name('argument', name, parameters)}"
+    call = ", ".join(n if p.default is p.empty else f"{n}=..." for n, p in parameters.items())
+    return f"{function}: {problem}; write {function}({call})"
 
 
 def _parts(hint: Any) -> tuple[Any, ...]:
@@ -337,9 +300,9 @@ def _parts(hint: Any) -> tuple[Any, ...]:
     return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
 
 
-def _mismatch(function: str, name: str, values: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
+def _mismatch(name: str, value: Any, hint: Any) -> str:
     """Return the message for a value of a wrong type: what is expected, found, and to do."""
-    value, parts = values[name], _parts(hints[name])
+    parts = _parts(hint)
     names = [*chain(*(get_args(part) for part in parts if get_origin(part) is Literal))]
     if names and isinstance(value, str):
         return f"{name}=: {unknown_name(name, value, names)}"
@@ -347,11 +310,7 @@ def _mismatch(function: str, name: str, values: Mapping[str, Any], hints: Mappin
     text = f"{name}= must be {_described(parts)}, found {description}"
     if any(get_args(part) and _fits([value], part) for part in parts):
         return f"{text}; put it into a list: {name}=[...]"
-    swapped = _swapped(name, values, hints)
-    if swapped:
-        return f"{text}: {name} and {swapped} are swapped; write {function}({', '.join(values)})"
-    maker = _maker(parts)
-    return f"{text}; make one with {maker}" if maker else text
+    return text
 
 
 def _wrong_element(value: Any, parts: Iterable[Any]) -> str:
@@ -364,14 +323,6 @@ def _wrong_element(value: Any, parts: Iterable[Any]) -> str:
         inner = get_args(part)[is_mapping]
         if not _fits(element, inner):
             return f" with {_described_value(element)}, which must be {_described(_parts(inner))}"
-    return ""
-
-
-def _swapped(name: str, values: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
-    """Return the argument whose value fits this one while this one's fits that, else ''."""
-    for key in values:
-        if key != name and _fits(values[key], hints[name]) and _fits(values[name], hints[key]):
-            return "" if _fits(values[key], hints[key]) else key
     return ""
 
 

@@ -91,7 +91,7 @@ MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
         ),
     ),
     (column(TORQUE, 7, 2e12), (f"'{TORQUE}' has 2e+12 in sample 7",)),
-    ({"repair": True}, ("repair= must be a Repairs, found True; make one with",)),
+    ({"repair": True}, ("repair= must be a Repairs, found True",)),
     ({"description": 5}, ("description= must be a LogDescription, a mapping, a path or a Desc",)),
 )
 """Other columns, or options, and what is said of them."""

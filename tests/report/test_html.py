@@ -465,7 +465,7 @@ LIST = "validations= must be a Validation or a list of Validations, found "
     [
         ("page.html", "report", None, f"{LIST}the text"),
         ("page.html", [1], None, f"{LIST}a list with 1"),
-        ("page.html", None, None, "found None; make one with seaid.validate(identification, log)"),
+        ("page.html", None, None, "must be a Validation or a list of Validations, found None"),
         (
             "page.html",
             [OTHER],
