@@ -2,8 +2,7 @@
 
 The two-joint arm of the tests follows random motions: "one" has a stiff drive, "two" a spring.
 Every draw has new noise. The area of a loop is that of the torque over a cycle of the deflection
-(or of the motor angle) of three widths of the law, as identified over the true one. With --refine
-it is that of `refine`, and only springs with a law are tried.
+(or of the motor angle) of three widths of the law, as identified over the true one.
 """
 
 from __future__ import annotations
@@ -102,11 +101,10 @@ def loop_area(values: Mapping[str, float], width: float) -> float:
     return float(abs(np.trapezoid(values[names[0]] * z, x[-len(up) * 2 :])))
 
 
-def recovered(draws: int, motions: int, refined: bool) -> None:
+def recovered(draws: int, motions: int) -> None:
     """Print the errors of backlash and of the areas of loops."""
     rows = []
-    cases = {name: case for name, case in few(CASES.items()) if not refined or case[3] == _SPRING}
-    for name, (joint, plain, terms, values) in cases.items():
+    for name, (joint, plain, terms, values) in few(CASES.items()):
         drive = with_terms(plain, terms, values)
         errors, inside = [], []
         with TemporaryDirectory() as folder:
@@ -115,7 +113,6 @@ def recovered(draws: int, motions: int, refined: bool) -> None:
             for seed in track(range(draws), name, True):
                 log = measure(truth, runs[seed % motions], SENSORS, seed)
                 found = seaid.identify(truth.without_nominal(), log)
-                found = seaid.refine(found, log) if refined else found
                 estimate = found.drives[joint]
                 law = any("dahl" in of for of in terms.values())
                 values_of = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
@@ -184,10 +181,9 @@ if __name__ == "__main__":
     parser.add_argument("--draws", type=int, default=12)
     parser.add_argument("--motions", type=int, default=2)
     parser.add_argument("--selection", action="store_true", help="the selection of laws instead")
-    parser.add_argument("--refine", action="store_true", help="refine springs with a law")
     add_quick(parser)
     given = parser.parse_args()
     if given.selection:
         selected(given.draws, given.motions)
     else:
-        recovered(given.draws, given.motions, given.refine)
+        recovered(given.draws, given.motions)

@@ -6,8 +6,8 @@ measured ones. Motor encoders see the joint through a gear, so that their noise 
 the joint encoders: as inputs they cost little accuracy, prevent drift, and need no controller. Each
 window of the log has its own initial state.
 
-Hysteresis of springs and dry friction of joints are not smooth. They enter as corrections (T, 1 +
-p) per joint: what is added to the torque on the joint, and to its derivatives by the p parameters.
+Dry friction of joints is not smooth. It enters as a correction (T, 1 + p) per joint: what is added
+to the torque on the joint, and to its derivatives by the p parameters.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ import scipy
 
 from seaid._arrays import Array, BoolArray, white_noise
 from seaid.drives import is_dry, total_ratio
-from seaid.drives.drives import DefaultTerms, deflection
-from seaid.drives.equations import states
+from seaid.drives.drives import DefaultTerms
 from seaid.errors import IdentificationError
 from seaid.estimation import Parameter
 from seaid.estimation.nonlinear_least_squares import Residuals
@@ -30,7 +29,7 @@ from seaid.identification import simulated_joints
 from seaid.identification.refined_parameters import Layout, MotionChange, Outputs, block_means
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.identification.unseen_springs import SAMPLES
-from seaid.log import Log, Motion, low_pass, reconstruct_motion
+from seaid.log import Log, Motion, reconstruct_motion
 from seaid.log.filtering import decimation
 from seaid.log.motion import POSITION_BAND, decimated
 from seaid.log.rows import still_speed
@@ -42,9 +41,7 @@ from seaid.simulation.plant import torque_jacobians
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
 The cutoff is not raised where no encoder is behind a spring and either the noise of the motor's
-encoder, twice differentiated, exceeds that of its torque, or its rotor inertia is unknown. Nor is
-it where a spring has hysteresis, whose states add up the travel of the noise: at three times the
-cutoff widths were 12 to 23 % large (`scripts/benchmarks/hysteresis.py --refine`)."""
+encoder, twice differentiated, exceeds that of its torque, or its rotor inertia is unknown."""
 
 WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
@@ -56,8 +53,7 @@ class Run:
 
     `reading` (T, simulated) is the measured position of these joints, `still` (T, simulated and
     followed) masks samples at which the friction of their motors is unknown; `block` samples make a
-    row. `measured` is the motion by the encoders, from the start of the log to the end of the
-    windows.
+    row.
     """
 
     motion: Motion
@@ -65,7 +61,6 @@ class Run:
     still: BoolArray
     windows: int
     block: int
-    measured: Motion
 
 
 _MOST_ENTRIES = 1_000_000
@@ -99,9 +94,7 @@ def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> list[Run]:
         first = transient + start * window
         part = slice(first, first + count * window)
         reading = motion.joint_position[part, simulated]
-        # The state of a spring's hysteresis depends on the whole past, not on the window alone.
-        before = motion.samples(slice(part.stop))
-        runs.append(Run(motion.samples(part), reading, still[part], count, block, before))
+        runs.append(Run(motion.samples(part), reading, still[part], count, block))
     return runs
 
 
@@ -109,8 +102,7 @@ def _in_wider_band(layout: Layout, log: Log) -> Motion:
     """Return the motion of a log at the wider cutoff, where `WIDER` has no reason against it."""
     start, known = layout.identification, layout.identification.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    wider = 1.0 if hysteretic_joints(known, layout.simulated) else WIDER
-    band = min(wider * start.cutoff_hz, rate_hz / 8)
+    band = min(WIDER * start.cutoff_hz, rate_hz / 8)
     motion = simulated_joints.finer_side(known, reconstruct_motion(known, log, band))
     behind = (*layout.unseen, *layout.followed)
     # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
@@ -191,32 +183,6 @@ class MotorDriven(Outputs):
         return torque_jacobians(robot, *self.run.motion.joint_states)
 
     @cached_property
-    def hysteresis(self) -> dict[str, Array]:
-        """The corrections of the springs with hysteresis.
-
-        The states are those along the measured motion, which begins before the simulated one and
-        ends with it, in place of those along the simulated motion, which are zero at its first
-        sample. The simulated joint has the noise of the inputs, amplified by the spring, and a law
-        adds up what its argument travels: along it widths were 1 % large, two to four standard
-        errors, and a third of the iterations did not end
-        (`scripts/benchmarks/hysteresis.py --refine`).
-        """
-        corrections, length = {}, len(self.run.motion.time)
-        for joint in hysteretic_joints(self.known, self.layout.simulated):
-            drive = self.known.drives[joint]
-            width = drive.values["hysteresis_deflection"]
-            measured, simulated = (
-                np.array(states(_deflection(self.known, path, joint), width))[:, -length:]
-                for path in (self.run.measured, self.run.motion)
-            )
-            state, by_width = drive.load_radius * (measured - simulated)
-            force, corrections[joint] = self.correction(joint, "hysteresis_force", state)
-            place = self.layout.places.get(Parameter("hysteresis_deflection", joint))
-            if place is not None:
-                corrections[joint][:, 1 + place] = force * by_width
-        return corrections
-
-    @cached_property
     def friction_and_slopes(self) -> tuple[dict[str, Array], Array]:
         """The corrections of dry friction of the joints, and its slopes (T, S) by their speeds.
 
@@ -235,22 +201,15 @@ class MotorDriven(Outputs):
             swept = 0.5 * np.abs(motion.joint_acceleration[:, index]) / motion.rate_hz
             swept = np.maximum(swept, _LEAST_RAD_S)
             change = np.sign(speed) - np.clip(speed / swept, -1.0, 1.0)
-            level, torques[joint] = self.correction(joint, "joint_coulomb_friction", change)
+            place = self.layout.places.get(Parameter("joint_coulomb_friction", joint))
+            known = self.known.drives[joint].values
+            level = known["joint_coulomb_friction"] if place is None else float(self.x[place])
+            torques[joint] = np.zeros((len(speed), 1 + len(self.x)))
+            torques[joint][:, 0] = level * change
+            if place is not None:
+                torques[joint][:, 1 + place] = change
             slopes[:, row] = np.where(np.abs(speed) < swept, level / swept, 0.0)
         return torques, slopes
-
-    def correction(self, joint: str, name: str, torque_per_unit: Array) -> tuple[float, Array]:
-        """Return the value of a parameter, and the correction by it.
-
-        That is the value times `torque_per_unit` (T,), and its derivative.
-        """
-        place = self.layout.places.get(Parameter(name, joint))
-        value = self.known.drives[joint].values[name] if place is None else float(self.x[place])
-        correction = np.zeros((len(torque_per_unit), 1 + len(self.x)))
-        correction[:, 0] = value * torque_per_unit
-        if place is not None:
-            correction[:, 1 + place] = torque_per_unit
-        return value, correction
 
     @cached_property
     def load_rows(self) -> Array:
@@ -273,9 +232,7 @@ class MotorDriven(Outputs):
         for column, joint, unit in layout.tests(motion):
             by_x[:, model.torque_joints.index(joint), column] = unit
         friction, _ = self.friction_and_slopes
-        for joint, correction in (*self.hysteresis.items(), *friction.items()):
-            # A correction of the torque on the joint is in (8) with its sign, and in (7), through
-            # the gear, with the opposite one (`motor_torques`); joint friction is in (8) alone.
+        for joint, correction in friction.items():
             columns[:, model.torque_joints.index(joint)] += correction
         return columns
 
@@ -328,8 +285,7 @@ class MotorDriven(Outputs):
 
     def changed(self, known: Robot, change: MotionChange) -> MotorDriven:
         """Return the residuals for a robot with other constants, and a change of the log."""
-        run = self.run
-        run = replace(run, motion=change(run.motion), measured=change(run.measured))
+        run = replace(self.run, motion=change(self.run.motion))
         return replace(self, layout=self.layout.with_known(known), run=run)
 
     @cached_property
@@ -400,9 +356,6 @@ class MotorDriven(Outputs):
         for column, joint, unit in layout.tests(self.run.motion):
             ratio = total_ratio(self.known.drives[joint])
             columns[:, layout.simulated.index(joint), 1 + column] -= unit / ratio
-        for joint, torque in self.hysteresis.items():
-            ratio = total_ratio(self.known.drives[joint])
-            columns[:, layout.simulated.index(joint), : torque.shape[1]] -= torque / ratio
         return columns
 
     def motor_equation(self, joint: str, motion: Motion) -> tuple[tuple[str, ...], Array, Array]:
@@ -430,28 +383,3 @@ def check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
             f"the log determines {', '.join(names)} of {joint}, the identification "
             f"has {', '.join(identified)}: same torque sensors needed"
         )
-
-
-def with_encoder_noise(
-    robot: Robot, logs: Sequence[Log], rng: np.random.Generator, motion: Motion
-) -> Motion:
-    """Return a measured motion whose joint positions have the noise of both encoders once more."""
-    noise = np.zeros_like(motion.joint_position)
-    for index, joint in enumerate(robot.joint_names):
-        ratio = total_ratio(robot.drives[joint])
-        sensors = ((x.motor_position / ratio, x.joint_position) for x in logs)
-        stds = [[white_noise(sensor[:, index]) for sensor in pair] for pair in sensors]
-        noise[:, index] = np.max(np.linalg.norm(stds, axis=1))
-    noise = noise * rng.normal(size=noise.shape)
-    noise = low_pass(noise, motion.rate_hz, POSITION_BAND * motion.cutoff_hz)
-    return replace(motion, joint_position=motion.joint_position + noise)
-
-
-def hysteretic_joints(robot: Robot, joints: Sequence[str]) -> list[str]:
-    """Return those of the joints whose spring has a law of hysteresis."""
-    return [joint for joint in joints if "dahl" in robot.drives[joint].spring]
-
-
-def _deflection(robot: Robot, motion: Motion, joint: str) -> Array:
-    positions = motion.motor_position, motion.joint_position
-    return deflection(robot.drives[joint], *(x[:, robot.index(joint)] for x in positions))

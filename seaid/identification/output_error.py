@@ -262,9 +262,7 @@ def refined_by_motors(
         if any("motor_inertia" in layout.actuators[joint].names for joint in unseen):
             point = _without_noise_of_rotors(layout, point, simulated)
         return _refined_unseen(layout, point)
-    step = point.step
-    step = replace(step, covariance=step.covariance + _of_noisy_deflections(layout, point, logs))
-    result = _refined(layout, point, step)
+    result = _refined(layout, point, point.step)
     zeros = point.x[layout.zeros] if layout.has_zeros else np.zeros(1)
     worse = _worse(identification, result, logs, zeros)
     return identification.with_findings(worse) if worse else result
@@ -349,26 +347,6 @@ def _refined(layout: Layout, point: LogPoint, step: Step) -> Identification:
     """Return the identification at a point with the covariance of a step and of constants."""
     step = replace(step, covariance=step.covariance + _of_constants(layout.identification, point))
     return identification_at(layout, point.x, step)
-
-
-def _of_noisy_deflections(layout: Layout, point: LogPoint, logs: Sequence[Log]) -> Array:
-    """Return the covariance (p, p) by the effect of noisy deflections on hysteresis.
-
-    As much noise as the deflections have is added to them: the mean square of the changes of the
-    estimate is that of its error by the noise that they have (Cook and Stefanski 1994).
-    """
-    known, rng = layout.identification.known, np.random.default_rng(0)
-    total = np.zeros((len(point.x), len(point.x)))
-    for _ in range(_STATE_DRAWS if motor_driven.hysteretic_joints(known, layout.simulated) else 0):
-        noise = partial(motor_driven.with_encoder_noise, known, logs, rng)
-        noisy = [
-            replace(log, run=replace(log.run, measured=noise(log.run.measured)))
-            if isinstance(log, motor_driven.MotorDriven)
-            else log
-            for log in point.logs
-        ]
-        total += _squared_change(point, noisy) / _STATE_DRAWS
-    return total
 
 
 # What is compared

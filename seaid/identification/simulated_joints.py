@@ -475,6 +475,8 @@ def _refusals(robot: Robot, joint: str, drive: Drive) -> Iterator[str]:
             yield "whose equation is not linear in its parameters, or has a ratio of its angle"
     elif drive.motor_input != "torque":
         yield f"of which the {drive.motor_input} was logged, not the torque"
+    if "dahl" in drive.spring:
+        yield "whose spring has hysteresis, a state that adds up the noise of its deflection"
     if "load" in drive.friction and not drive.is_elastic:
         yield "whose friction grows with the load"
 

@@ -279,6 +279,12 @@ def heavy() -> Identification:
     return replace(found(), load_side=replace(side, values=np.full_like(side.values, 1e200)))
 
 
+def hysteretic() -> Identification:
+    """Return an identification whose shoulder has a spring with hysteresis."""
+    terms = spring("dahl", hysteresis_force=1.0, hysteresis_deflection=4e-3)
+    return replace(found(), known=with_drive(found().known, "shoulder", *terms))
+
+
 def sensed() -> Log:
     """Return the log with torque sensors behind the springs in the place of motor torques."""
     unknown = np.full_like(motion().motor_torque, np.nan)
@@ -300,6 +306,7 @@ def sensed() -> Log:
         (heavy, log, {}, "diverges at this estimate: check"),
         (found, sensed, {}, "same torque sensors needed"),
         (found, lambda: log(robot("rail", "shoulder")), {}, "the log has no joint telescope"),
+        (hysteretic, log, {}, "drive of shoulder, whose spring has hysteresis"),
     ],
 )
 def test_what_cannot_be_refined_is_said(
@@ -344,7 +351,6 @@ CASES: dict[str, Case] = {
         {"joint_friction": ("viscous",), "parallel_spring": ("linear", "preload")},
         {"joint_viscous_friction": 0.3, "parallel_stiffness": 5.0, "parallel_preload": 1.0},
     ),
-    "spring, dahl": spring("dahl", hysteresis_force=1.0, hysteresis_deflection=4e-3),
     "dry joint": ({"joint_friction": ("coulomb",)}, {"joint_coulomb_friction": 0.3}),
 }
 """{case: terms of the shoulder's drive, and the values that they bring}."""
