@@ -61,14 +61,16 @@ def _gear_ratios(table: Mapping[str, Any]) -> Records:
         seaid.read_log(path, robot, description=LOGS / table[key])
         for key in ("description", "gears")
     )
-    records: Records = {}
-    for index, joint in enumerate(robot.joint_names):
-        turned = behind.motor_position[:, index] / robot.drives[joint].ratio
-        found = seaid.identification.gear_ratio(
-            [log.motor_position[:, index]], [np.interp(log.time, behind.time, turned)]
-        )
-        records[f"{joint} gear_ratio"] = ["value", found.value, found.standard_error]
-    return records
+    turned = behind.motor_position / [robot.drives[joint].ratio for joint in robot.joint_names]
+    angles = [np.interp(log.time, behind.time, angle) for angle in turned.T]
+    # Between the encoders of motor and gear output there is no spring.
+    stiff = {x: seaid.StiffDrive(gear_ratio=drive.ratio) for x, drive in robot.drives.items()}
+    both = replace(log, joint_position=np.column_stack(angles))
+    found = seaid.check(robot.with_drives(stiff), both)
+    return {
+        f"{joint} gear_ratio": ["value", x.gear_ratio, x.gear_ratio_error]
+        for joint, x in found.joints.items()
+    }
 
 
 def _measured_table() -> list[dict[str, Any]]:

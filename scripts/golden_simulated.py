@@ -170,32 +170,6 @@ def _two_conditions(specific: tuple[str, ...]) -> Records:
     return records
 
 
-def _cutoffs() -> Records:
-    found = seaid.identification.cutoff_sensitivity(_leg(), _log())
-    records = {"proposed": number(found.cutoffs_hz[found.proposed])}
-    for hz, values, errors in zip(
-        found.cutoffs_hz, found.values, found.standard_errors, strict=True
-    ):
-        rows = zip(found.names, values, errors, strict=True)
-        records |= {
-            f"{hz:.3g} Hz: {name}": ["value", float(f"{x:.12g}"), float(f"{s:.12g}")]
-            for name, x, s in rows
-            if "stiffness" in name or "friction" in name
-        }
-    return records
-
-
-def _delays() -> Records:
-    return {
-        f"{delay.joint} {delay.channel} against {delay.against}": [
-            "value",
-            delay.delay_s,
-            delay.standard_error_s,
-        ]
-        for delay in seaid.identification.estimate_delays(_leg(), _log())
-    }
-
-
 def _checked() -> Records:
     found = seaid.check(_leg(), _log())
     records = of_findings(found.warnings)
@@ -244,8 +218,6 @@ def leg_cases() -> list[Case]:
             for x, y in _METHODS.items()
         ),
         methods(name="refined", records=partial(of_build, _refined)),
-        methods(name="cutoffs", records=_cutoffs),
-        methods(name="delays", records=_delays),
         methods(name="check", records=_checked),
         methods(name="terms", records=_terms),
         conditions(name="shared friction", records=partial(_two_conditions, ("spring_offset",))),

@@ -246,21 +246,23 @@ def gear_rows(case: Case, robot: seaid.Robot, logs: list[seaid.Log], data: Path)
     if not case.gears:
         return
     behind = case.read_logs(robot, data, case.gears)
-    for joint in robot.joint_names:
-        index, published = robot.index(joint), robot.drives[joint].ratio
-        found = seaid.identification.gear_ratio(
-            [log.motor_position[:, index] for log in logs],
-            [
-                np.interp(log.time, other.time, other.motor_position[:, index] / published)
-                for log, other in zip(logs, behind, strict=True)
-            ],
-        )
-        off = 100 * (found.value / published - 1)
+    published_ratios = [robot.drives[joint].ratio for joint in robot.joint_names]
+    both = []
+    for log, other in zip(logs, behind, strict=True):
+        turned = (other.motor_position / published_ratios).T
+        angles = [np.interp(log.time, other.time, angle) for angle in turned]
+        both.append(replace(log, joint_position=np.column_stack(angles)))
+    # Between the encoders of motor and gear output there is no spring.
+    stiff = {x: seaid.StiffDrive(gear_ratio=drive.ratio) for x, drive in robot.drives.items()}
+    found = seaid.check(robot.with_drives(stiff), both).joints
+    for joint, published in zip(robot.joint_names, published_ratios, strict=True):
+        ratio, error = found[joint].gear_ratio, found[joint].gear_ratio_error
+        off = 100 * (ratio / published - 1)
         asked = joint in case.gears_of
         yield Row(
             case.name,
             f"N of {joint}",
-            f"{number(found.value)} +- {found.standard_error:.1g}",
+            f"{number(ratio)} +- {error:.1g}",
             f"{published:.7g}",
             f"{off:.2g} %",
             asked="0.2 %" if asked else "",

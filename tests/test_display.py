@@ -62,7 +62,6 @@ def things(log: seaid.Log, found: seaid.Identification) -> Iterator[Display]:
         seaid.Repairs(),
         seaid.excitation.Box((0, 0, 1), (1, 1, 1)),
     )
-    yield seaid.identification.gear_ratio(log.motor_position[:, 3], log.joint_position[:, 3])
     if found.feasible is not None:
         yield found.feasible
 
@@ -88,7 +87,7 @@ def test_every_object_has_one_line_and_html_with_the_content_of_its_text(
             assert one.summary() == str(one) == text
         else:
             assert str(one) == line or type(one).__str__ is not object.__str__
-    assert len(kinds) == 17
+    assert len(kinds) == 16
     lines = [line.strip() for line in base_table(found.base).splitlines()[4:]]
     assert lines == list(found.base.expressions)
 

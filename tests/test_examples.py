@@ -164,7 +164,7 @@ OTHER_ROBOTS = {"find_contacts": walking}
 SLOW = (
     *("add_run_in", "compare_replays", "frequency_response", "replay"),  # simulate in small steps
     *("cross_validate", "find_contacts"),  # identify from each log, and simulate a quadruped
-    *("cutoff_sensitivity", "run", "simulate", "write_randomization"),  # half a second and more
+    *("run", "simulate", "write_randomization"),  # half a second and more
 )
 
 

@@ -608,7 +608,7 @@ class Experiment:
 
         Of a spring joint from the motor equation (7), tau - I w' = friction + a theta_M - b theta_L
         with N = b/a r_L/r_M, or from the torque sensor and (4b); of others from the angles alone.
-        Errors of the gear do not average out (see `gear_ratio`).
+        Errors of the gear do not average out.
         """
         ratios = {}
         # the zeros of the encoders of each log but the first

@@ -35,7 +35,7 @@ def summary_of(name: str) -> str:
 MOVED = {
     "crosscheck": "write seaid inspect URDF --exact",
     "codegen": "write seaid export URDF -o FILE.py, or FILE.c",
-    "delays": "write seaid check URDF LOG --delays",
+    "delays": "write seaid check URDF LOG, which names late channels",
     "gear-ratio": "write seaid check URDF LOG, whose table has the ratios",
     "terms": "write seaid check URDF LOG --terms",
     "refine": "write seaid identify URDF LOG --refine",
@@ -52,6 +52,7 @@ RENAMED = {
     "--drive-columns": "write --drive-parameters",
     "--allow-impossible": "write --allow-inconsistent",
     "--free-ends": "write --ends-in-motion",
+    "--delays": "write seaid check without it, which names late channels",
     **dict.fromkeys(("--condition", "--specific", "--condition-payload"), MOVED["conditions"]),
 }
 """{former option: what to write now}."""

@@ -55,7 +55,9 @@ def report(
     """
     check_distinct(*validation, *options.from_logs)
     if plan is not None and not multisine:
-        raise click.BadParameter("needs the logs that followed it, --multisine", param_hint="--plan")
+        raise click.BadParameter(
+            "needs the logs that followed it, --multisine", param_hint="--plan"
+        )
     result.check(output, read=(*options.files, *validation, *multisine, plan))
     run = options.identified_run(feasible=feasible)
     fit = run.identification

@@ -7,8 +7,7 @@ parameters of the load side, flags, and the robot with all values put in.
 - `validate`, `cross_validate`: the torque that an identified model predicts for another log;
 - `refine`: output error, by simulating the whole model;
 - `compare_terms`: which friction and spring terms the data support;
-- `estimate_delays`, `cutoff_sensitivity`, `identify_conditions`: delays of channels, the influence
-  of the cutoff, and logs under several conditions;
+- `identify_conditions`: logs under several conditions;
 - `consistency`: inertial parameters that are physically consistent, nearest to a prior.
 
 >>> import seaid

@@ -3,12 +3,7 @@ from .checking import check as check
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions
 from .consistency import FeasibleParameters as FeasibleParameters
-from .delays import correct_delays as correct_delays
-from .delays import estimate_delays as estimate_delays
-from .gear import gear_ratio as gear_ratio
-from .identification import CutoffSensitivity as CutoffSensitivity
 from .identification import cross_validate as cross_validate
-from .identification import cutoff_sensitivity as cutoff_sensitivity
 from .identification import identify as identify
 from .identification import validate as validate
 from .model_selection import TermSelection as TermSelection

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
@@ -15,20 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, freeze
-from seaid._progress import Result, counted, track
+from seaid._arrays import Array
+from seaid._progress import track
 from seaid.checks.predictions import not_measured, unseen_motion
 from seaid.checks.setup import log_findings
 from seaid.checks.tolerances import MOST
 from seaid.checks.verdict import explained
-from seaid.errors import Finding, IdentificationError, SeaidError, checked
-from seaid.estimation import Estimate
+from seaid.errors import Finding, IdentificationError, checked
 from seaid.estimation.fitting import EstimatorName
 from seaid.estimation.parameters import with_groups
 from seaid.identification import output_error
 from seaid.identification.conclusion import conclude, consistent_bodies
 from seaid.identification.datasets import Source, sources_of
-from seaid.identification.model_selection import with_fixed_default_terms
 from seaid.identification.problem import Method, Options, solve
 from seaid.identification.result import (
     Fit,
@@ -390,142 +388,3 @@ def _cut(log: Log, parts: int) -> list[Log]:
     # `between` excludes its end: the last sample belongs to the last part.
     edges[-1] = np.inf
     return [log.between(start, end) for start, end in pairwise(edges)]
-
-
-_FACTORS = (1 / 3, 1 / 2, 1 / np.sqrt(2), np.sqrt(2), 2.0, 3.0)
-
-NEAR = 2.0
-"""Cutoffs within this factor of the proposed one could have been proposed as well."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class CutoffSensitivity(Result):
-    """Estimates over the cutoff; str() is a table.
-
-    Attributes
-    ----------
-    cutoffs_hz : ndarray (C,)
-        Cutoffs in increasing order.
-    names, units : tuple of str (p,)
-        Parameters of drives and base parameters.
-    values, standard_errors : ndarray (C, p)
-        Estimates per cutoff, NaN where the identification failed.
-    proposed : int
-        Index of the cutoff proposed from the data.
-    refused : mapping {cutoff: reason}
-        Cutoffs at which the identification failed.
-    """
-
-    table_name = "sensitivity_table"
-
-    cutoffs_hz: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-    standard_errors: Array
-    proposed: int
-    refused: Mapping[float, str]
-
-    def _in_short(self) -> str:
-        band = f"{self.cutoffs_hz[0]:.3g} to {self.cutoffs_hz[-1]:.3g} Hz"
-        cutoffs = counted(len(self.cutoffs_hz), "cutoff")
-        return f"{counted(len(self.names), 'parameter')} at {cutoffs} from {band}"
-
-    def __post_init__(self) -> None:
-        shape = (len(self.cutoffs_hz), len(self.names))
-        freeze(self, {"cutoffs_hz": (None,), "values": shape, "standard_errors": shape})
-
-    @property
-    def moves(self) -> Array:
-        """Largest change (p,) from the estimate at the proposed cutoff, in standard errors.
-
-        Over cutoffs within a factor of two of the proposed one.
-        """
-        ratio = self.cutoffs_hz / self.cutoffs_hz[self.proposed]
-        # Cutoffs that failed are NaN. 1.001 covers the rounding of sqrt(2)^2 and of 1/2.
-        near = (ratio <= NEAR * 1.001) & (ratio >= 0.999 / NEAR) & ~np.isnan(self.values[:, 0])
-        off = np.abs(self.values[near] - self.values[self.proposed])
-        return np.asarray(np.max(off, axis=0) / self.standard_errors[self.proposed])
-
-
-@checked(IdentificationError)
-def cutoff_sensitivity(
-    robot: Robot,
-    logs: Source | Sequence[Source],
-    cutoffs_hz: Sequence[float] | None = None,
-    *,
-    progress: bool = False,
-    **options: Any,
-) -> CutoffSensitivity:
-    """Repeat an identification over several cutoffs.
-
-    An estimate that changes by more than its standard error is biased: by noise (high cutoffs), or
-    by model errors that grow with frequency.
-
-    Parameters
-    ----------
-    robot, logs
-        As in `identify`.
-    cutoffs_hz : sequence of float, optional
-        Cutoffs [Hz]. Default: a third to three times the proposed one.
-    progress : bool
-        Show a progress bar.
-    **options
-        Further options of `identify`, without `cutoff_hz`.
-
-    Returns
-    -------
-    CutoffSensitivity
-
-    Raises
-    ------
-    IdentificationError
-        For `cutoff_hz` among the options, and for a cutoff that is not positive. Errors of
-        `identify` at the proposed cutoff are raised, those at other cutoffs are in `refused`.
-
-    Examples
-    --------
-    >>> print(seaid.identification.cutoff_sensitivity(robot, log, [4.0, 8.0, 16.0]))
-    """
-    if "cutoff_hz" in options:
-        raise IdentificationError("cutoff_sensitivity varies cutoff_hz: give cutoffs_hz instead")
-    asked = [] if cutoffs_hz is None else list(map(float, cutoffs_hz))
-    if not all(0 < cutoff < np.inf for cutoff in asked):
-        raise IdentificationError(f"cutoffs_hz must be more than 0 and finite, found {asked}")
-    base = identify(robot, logs, **options)
-    if cutoffs_hz is None:
-        asked = np.multiply(_FACTORS, base.cutoff_hz).tolist()
-    cutoffs = sorted({*asked, base.cutoff_hz})
-    # Terms that drives got by themselves and the method stay, so that estimates are comparable.
-    robot = with_fixed_default_terms(robot, base.known)
-    options["method"] = base.method
-    proposed = _parameters(base)
-    values, errors = np.full((2, len(cutoffs), len(proposed.names)), np.nan)
-    refused: dict[float, str] = {}
-    for place, cutoff in enumerate(track(cutoffs, "identifying per cutoff", progress)):
-        try:
-            same = cutoff == base.cutoff_hz
-            result = base if same else identify(robot, logs, cutoff_hz=cutoff, **options)
-        except SeaidError as problem:
-            refused[cutoff] = str(problem)
-            continue
-        estimate = _parameters(result)
-        if (estimate.names, estimate.units) != (proposed.names, proposed.units):
-            refused[cutoff] = "other parameters are identifiable than at the proposed cutoff"
-            continue
-        values[place], errors[place] = estimate.values, estimate.standard_errors
-    return CutoffSensitivity(
-        cutoffs_hz=np.array(cutoffs),
-        names=proposed.names,
-        units=proposed.units,
-        values=values,
-        standard_errors=errors,
-        proposed=cutoffs.index(base.cutoff_hz),
-        refused=refused,
-    )
-
-
-def _parameters(result: Identification) -> Estimate:
-    """Return the parameters of all drives, then the base parameters, as one estimate."""
-    drives = [estimate.at(joint) for joint, estimate in result.drives.items()]
-    return Estimate.joined([*drives, result.load])

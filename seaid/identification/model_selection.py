@@ -497,20 +497,3 @@ def _trials_without_named_friction(
         if candidate.joint in trials and candidate.field in ("friction", "spring"):
             trials[candidate.joint].append(trial)
     return trials
-
-
-def with_fixed_default_terms(robot: Robot, identified: Robot) -> Robot:
-    """Return the robot with the friction terms of an `identified` one where nobody named any.
-
-    Further fits then add none, and know the width that came with them.
-    """
-    drives: dict[str, Drive] = {}
-    for joint, drive in robot.drives.items():
-        if isinstance(drive.friction, DefaultTerms):
-            fixed = identified.drives[joint]
-            drive = replace(drive, friction=tuple(fixed.friction))
-            if "coulomb_width" in fixed.known:
-                drive = drive.with_values({"coulomb_width": fixed.values["coulomb_width"]})
-                drive = replace(drive, known=(*drive.known, "coulomb_width"))
-            drives[joint] = drive
-    return robot.with_drives(drives)

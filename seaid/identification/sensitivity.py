@@ -223,7 +223,7 @@ def _cutoff_findings(
             narrow = fit_of(stacked(list(map(regress, few))), weights, None, constraint)
         scores = _scores([narrow, wide], fit.estimate, fit.propagated)
         better = _better_cutoff(robot, joint, cutoff_hz, compress(rows.names, scores))
-        remedy = f"{better}; compare others with cutoff_sensitivity"
+        remedy = f"{better}, and compare the values"
         values = dict(zip(ways, (narrow.values, wide.values), strict=True))
         owner = "" if joint == LOAD else joint
         code = CODES["cutoff-sensitive"]

@@ -34,9 +34,7 @@ from seaid.export import write_mjcf, write_model
 from seaid.frequency.linear_joints import linearised
 from seaid.identification import (
     Identification,
-    calibrate_statics,
     check,
-    held_poses,
     identify,
     refine,
     validate,
@@ -636,23 +634,6 @@ def test_springs_behind_linkages_are_refined_by_output_errors() -> None:
     refined = refine(identify(case.robot.without_nominal(), log), log)
     errors = drive_errors(refined, case.robot, "stiffness")
     assert max(map(abs, errors.values())) < 0.02
-
-
-@pytest.mark.parametrize("name", ["elastic differential", "linkages"])
-def test_held_poses_calibrate_the_springs_and_sensors_behind_the_gears(name: str) -> None:
-    """Stretch and torque of a spring are those of phi, exact without noise."""
-    case = case_of(name)
-    poses = np.random.default_rng(4).uniform(-0.8, 0.8, (9, 3))
-    rest = np.repeat(poses, 100, axis=0)
-    motor, _ = motor_angles(case, (rest, 0 * rest, 0 * rest))
-    sensor = rnea(case.robot, (rest, 0 * rest, 0 * rest))
-    log = Log(np.linspace(0.0, 9.0, len(rest)), JOINTS, motor, rest, joint_torque=sensor)
-    for joint in case.robot.elastic_joints:
-        found = calibrate_statics(held_poses(case.robot, log, joint))
-        stiffness = case.robot.drives[joint].values["stiffness"]
-        assert found.estimate.value("stiffness") == pytest.approx(stiffness, rel=1e-6)
-    by_sensor = held_poses(case.robot, log, "elbow", sensor="torque")
-    np.testing.assert_allclose(by_sensor.reading, by_sensor.load, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", quick_first(["compensated differential", "parallelogram"]))
