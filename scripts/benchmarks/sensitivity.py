@@ -1,4 +1,4 @@
-"""False flags and found biases of the comparisons of estimators and cutoffs in `identify`.
+"""False flags and found biases of the comparison of two cutoffs in `identify`.
 
 Right set-ups are the leg and the mixed arm of the tests with their sensors; the biased ones are the
 measured logs of the double pendulum, each alone, whose published parameters are known.
@@ -32,7 +32,7 @@ from tests.experiments import (
 )
 
 ROOT = Path(__file__).resolve().parents[2]
-CODES = ("homogeneous", "estimator-disagrees", "cutoff-sensitive")
+CODES = ("homogeneous", "cutoff-sensitive")
 PUBLISHED = {1: -0.3491, 2: 0.1079, 4: -0.1111, 5: 0.0239}
 """{place among the base parameters: published value}."""
 

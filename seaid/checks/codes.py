@@ -369,10 +369,10 @@ def _as_one(findings: Sequence[Finding]) -> Finding:
     )
 
 
-_ECHOES = ("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees", "drift")
+_ECHOES = ("nonlinear-spring", "missing-term", "transmission-error", "drift")
 """Findings that noise alone raises where the deflection of a spring is mostly noise."""
 
-_OF_FEW_ROWS = ("cutoff-sensitive", "estimator-disagrees")
+_OF_FEW_ROWS = ("cutoff-sensitive",)
 """Findings of two fits of the same rows, which differ by chance if these are few."""
 
 

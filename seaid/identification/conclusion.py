@@ -70,10 +70,10 @@ def conclude(problem: Problem, name: str) -> Identification:
     with guarded(CODES["missing-term"], findings):
         values, lacking = without_echoes(values, lacking, cutoff_hz)
         findings += consequences(findings, model_findings(lacking, findings))
-    # Estimators and cutoffs are compared by the noise of the logs alone, so that this comes before
-    # the estimate with the errors of constants.
+    # Cutoffs are compared by the noise of the logs alone, so that this comes before the estimate
+    # with the errors of constants.
     if is_only and not is_wrong(findings):
-        with guarded(CODES["estimator-disagrees"], findings):
+        with guarded(CODES["cutoff-sensitive"], findings):
             two_step = problem.two_step[name]
             findings += sensitivity_findings(case, two_step, options.estimator)
     result = _identification(problem, name)

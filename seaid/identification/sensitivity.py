@@ -1,6 +1,6 @@
-"""What an estimate depends on: the estimator, the cutoff, and the constants that were given.
+"""What an estimate depends on: the cutoff, and the constants that were given.
 
-Two ways of the same fit have the same noise, so that the standard error of their difference is far
+Fits with two cutoffs have the same noise, so that the standard error of their difference is far
 below that of independent ones (Hausman 1978): it is that of the sum over time of the difference of
 the influences of the rows. A difference beyond it is a bias of one of the estimates.
 
@@ -162,7 +162,7 @@ def _scores(fits: Sequence[WeightedFit], estimate: Estimate, propagated: Array |
 def sensitivity_findings(
     condition: two_step.Condition, sides: RobotEstimate, estimator: str
 ) -> list[Finding]:
-    """Return what another estimator or a wider cutoff contradicts in two steps of wls or ols.
+    """Return what a wider cutoff contradicts in two steps of wls or ols, and pulls to zero.
 
     Of long logs the first pieces are compared.
     """
@@ -177,25 +177,8 @@ def sensitivity_findings(
         )
     )
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
-        findings += _estimator_findings(condition.robot, sides.fit, ordinary, cutoff_hz)
         findings += _cutoff_findings(condition, sides, ordinary)
     return findings
-
-
-def _estimator_findings(
-    robot: Robot, fit: FittedRows, ordinary: bool, cutoff_hz: float
-) -> Iterator[Finding]:
-    """Yield the parameters of the load side on which weighted and ordinary rows disagree."""
-    if fit.rows is None or len(fit.qr_factor.equations) < 2:
-        return
-    weights = {"wls": fit.weights, "ols": equal_weights(fit.qr_factor)}
-    ways = ("ols", "wls") if ordinary else ("wls", "ols")
-    fits = [fit_of(fit.rows, weights[name], fit.qr_factor, fit.constraint) for name in ways]
-    scores = _scores(fits, fit.estimate, fit.propagated)
-    remedy = f"{_other_cutoff(robot, cutoff_hz)}; else a term that a joint lacks"
-    values = dict(zip(ways, (fit.values for fit in fits), strict=True))
-    code = CODES["estimator-disagrees"]
-    yield from disagreement(code, "", fits[0].rows, values, scores, remedy)
 
 
 def _cutoff_findings(
@@ -253,19 +236,13 @@ def _compared_equations(
 
 def _better_cutoff(robot: Robot, joint: str, cutoff_hz: float, differing: Iterable[str]) -> str:
     """Return the cutoff to try where parameters differ between two."""
-    if joint == LOAD and robot.has_controllers:
-        return _other_cutoff(robot, cutoff_hz)
-    # noise biases all parameters but friction, which lacks the band of its reversals
-    is_biased = joint == LOAD or any("friction" not in name for name in differing)
-    return f"cutoff_hz={cutoff_hz * (0.5 if is_biased else WIDER):.2g}"
-
-
-def _other_cutoff(robot: Robot, cutoff_hz: float) -> str:
-    """Return the cutoff to try; with commands friction at rest biases a delay by the narrow one."""
-    narrower = f"cutoff_hz={cutoff_hz / 2:.2g}, if the encoders are noisy"
-    if robot.has_controllers:
-        return f"cutoff_hz={WIDER * cutoff_hz:.2g}, if joints stick at their reversals; {narrower}"
-    return narrower
+    is_load, narrow, wide = joint == LOAD, 0.5 * cutoff_hz, WIDER * cutoff_hz
+    if is_load and robot.has_controllers:  # friction at rest biases a delay by the narrow cutoff
+        sticking = f"cutoff_hz={wide:.2g}, if joints stick at their reversals"
+        return f"{sticking}; cutoff_hz={narrow:.2g}, if the encoders are noisy"
+    # Noise biases all parameters but friction, which lacks the band of its reversals.
+    is_biased = is_load or any("friction" not in name for name in differing)
+    return f"cutoff_hz={narrow if is_biased else wide:.2g}"
 
 
 def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) -> Regression:
