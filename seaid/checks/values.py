@@ -347,19 +347,14 @@ _ONE_SIDED = ("dead_zone", "deflection_zero")
 """Half width and centre of a dead zone: a spring that is loaded in one direction shows one end."""
 
 
-def fixed_findings(
-    joint: str, drive: Drive, names: Collection[str], by_simulation: bool = False
-) -> Iterator[Finding]:
-    """Yield the parameters of a drive that a search fixed at their values in the drive.
-
-    A refinement `by_simulation` has them from `identify`.
-    """
+def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator[Finding]:
+    """Yield the parameters of a drive that a search fixed at their values in the drive."""
     # without a dead zone, or next to a preload, a zero may be unidentifiable from any motion
     has_zone = {*DEAD_ZONES} & {*drive.spring} and "preload" not in drive.spring
     for name in names:
         fixed = f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}"
         what = f"{readable(ParameterName(name, joint))} is not identifiable from this motion"
-        if by_simulation or name not in _ONE_SIDED or not has_zone:
+        if name not in _ONE_SIDED or not has_zone:
             message = f"{what}: {fixed}; remove its term, or excite it"
             yield CODES["unidentifiable"].note(message, joint, certainty="likely")
             continue

@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping, IndexArray
+from seaid._arrays import Array, IndexArray
 from seaid.checks.predictions import nothing_to_simulate, worse_than_start
-from seaid.checks.values import fixed_findings
 from seaid.drives import readable
-from seaid.drives.terms import parameter_named
 from seaid.errors import ExcitationError, Finding, IdentificationError, SeaidError, checked
 from seaid.estimation import Parameter
 from seaid.estimation.nonlinear_least_squares import (
@@ -54,7 +52,7 @@ from seaid.log import Log, Motion, reconstruct_motion, row_samples
 from seaid.log.filtering import noise_density
 from seaid.log.motion import SHORTEST_STRETCH, reconstruct_motions
 from seaid.log.usable_parts import stretches, usable
-from seaid.regressor import Regression, actuator_regression, load_regression, motor_regressor
+from seaid.regressor import Regression, actuator_regression, load_regression
 from seaid.regressor.load import check_offset_std, offset_sensitivity
 from seaid.regressor.regression import Regress
 from seaid.robot import Robot, coupled_names
@@ -250,9 +248,6 @@ def refined_by_motors(
     point, _ = gauss_newton_search(start, iterations, _SETTLED, progress)
     # `not <` also refuses NaN.
     if not point.size < _CLOSE:
-        held = _held(identification, layout, point)
-        if held is not None:
-            return refined_by_motors(held, logs, encoder_offset_std, iterations, progress)
         raise IdentificationError(
             f"the refinement did not converge in {iterations} iterations: its next step would be "
             f"{point.size:.2g} standard errors",
@@ -266,36 +261,6 @@ def refined_by_motors(
     zeros = point.x[layout.zeros] if layout.has_zeros else np.zeros(1)
     worse = _worse(identification, result, logs, zeros)
     return identification.with_findings(worse) if worse else result
-
-
-def _held(start: Identification, layout: Layout, point: LogPoint) -> Identification | None:
-    """Return the start with nonlinear parameters fixed that kept the search from ending, if any.
-
-    These are positive ones of elastic drives whose 95 % interval at the last point reaches zero,
-    where the equations are singular: a Stribeck speed without Stribeck friction.
-    """
-    error = np.sqrt(np.diag(point.step.white_covariance))
-    known, sides, notes = dict(start.known.drives), dict(start.drive_side), list[Finding]()
-    for joint in layout.nonlinear.keys() & layout.drives.keys():
-        estimate, drive = sides[joint], known[joint]
-        columns = layout.nonlinear[joint]
-        weak = [
-            name
-            for name in motor_regressor(start.known, joint).non_linear
-            if name in columns
-            and parameter_named(name).is_positive
-            # `not >` also takes NaN as weak.
-            and not point.x[columns[name]] > 2 * error[columns[name]]
-        ]
-        if not weak:
-            continue
-        notes += fixed_findings(joint, drive, weak, by_simulation=True)
-        sides[joint] = estimate.of_names(name for name in estimate.names if name not in weak)
-        known[joint] = replace(drive, known=(*drive.known, *weak))
-    if known == dict(start.known.drives):
-        return None
-    robot = start.known.with_drives(known)
-    return replace(start, known=robot, drive_side=FrozenMapping(sides)).with_findings(notes)
 
 
 def _worse(
