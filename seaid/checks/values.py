@@ -138,14 +138,6 @@ def _drifts(shown: Diagnostics) -> Iterator[Finding]:
         )
 
 
-def smoothed_instruments(problem: Exception) -> Finding:
-    """Return the finding of instruments of the load side that no simulation gave."""
-    return CODES["weak-instruments"].finding(
-        "the instruments of the load side come from the smoothed joint encoders, whose noise may "
-        f"bias the base parameters: {problem}"
-    )
-
-
 def instruments_without_effect() -> Finding:
     """Return the note on instruments of stiff drives."""
     return CODES["weak-instruments"].note(

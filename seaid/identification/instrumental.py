@@ -9,8 +9,6 @@ computed by the fitted model, so that no instrument contains the noise of its ow
 - The deflection is torque over stiffness, with the torque of the fitted bodies. Noise of the joint
   encoder affects it only through them, by the ratio of the stiffness of gravity and inertia to
   that of the spring, and only below the smaller cutoff.
-- On the load side that noise would still be in acceleration and torque alike; once there is an
-  estimate, the joints are simulated from the motor encoders instead (`driven_motion`).
 - A stiff drive has one sensor, or two equivalent ones, and the motor of a spring without a known
   torque is smoothed as it is; there only the smaller cutoff helps.
 
@@ -19,31 +17,33 @@ The instruments come from the previous estimate, iterated.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from seaid._arrays import Array, safely
-from seaid.checks.values import instruments_without_effect, smoothed_instruments
-from seaid.drives import ParameterName
+from seaid._arrays import Array
+from seaid.checks.values import instruments_without_effect
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimator
 from seaid.estimation.instrumental_variables import instrumental, projected_columns
-from seaid.identification import simulated_joints
 from seaid.identification.drive_estimates import without_torque
-from seaid.identification.refined_parameters import with_bodies
+from seaid.identification.simulated_joints import BY_INSTRUMENTS
 from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step
 from seaid.log import Motion, in_band, low_pass
 from seaid.log.filtering import spline_derivatives
 from seaid.regressor import Regression, actuator_regression, load_regression
 from seaid.regressor.load import LoadModel, Springs, known_frictions, load_columns, where_known
-from seaid.regressor.regression import Regress, actuator_columns, known_friction
-from seaid.robot import Robot, at_drives, at_joints
-from seaid.simulation.plant import jacobians_at_drives, torque_jacobians
+from seaid.regressor.regression import (
+    Regress,
+    actuator_columns,
+    known_friction,
+    spring_regressor,
+)
+from seaid.robot import Robot, at_drives
 
 REFERENCE_BAND = 0.5
 """Cutoff of the reference motion over that of the identification: three times the bandwidth."""
@@ -62,10 +62,6 @@ class FittedModel:
     model: LoadModel
     load_side: Array
     springs: Springs
-
-
-Maker = Callable[[Robot, Motion, FittedModel], Motion]
-"""Function that computes the motion whose columns are the instruments."""
 
 
 def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
@@ -88,13 +84,20 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     for row, joint in enumerate(fitted.model.torque_joints):
         drive, index = robot.drives[joint], robot.index(joint)
         if joint in fitted.springs:
-            spring = simulated_joints.linear_spring(robot, joint, fitted.springs[joint])
-            force = torque[:, row] / drive.load_radius - spring.offset
-            deflection = force / spring.stiffness  # (4b); an instrument may lack its damping
+            stiffness, offset = _linear_spring(robot, joint, fitted.springs[joint])
+            force = torque[:, row] / drive.load_radius - offset
+            deflection = force / stiffness  # (4b); an instrument may lack its damping
             # r_M/N theta_M = d + r_L theta_L.
             travel = deflection + drive.load_radius * turned[:, index]
             angle[:, index] = drive.ratio / drive.motor_radius * travel
     return _with_motors(reference, angle)
+
+
+def _linear_spring(robot: Robot, joint: str, estimated: Iterable[float]) -> tuple[float, float]:
+    """Return stiffness and offset of a spring, known or in the order of its regressor."""
+    names = spring_regressor(robot, joint).names
+    values = {**robot.drives[joint].values, **dict(zip(names, estimated, strict=True))}
+    return values["stiffness"], values.get("spring_offset", 0.0)
 
 
 def _with_motors(motion: Motion, angle: Array) -> Motion:
@@ -124,10 +127,10 @@ def actuator_with_instruments(
 
 
 def load_with_instruments(
-    robot: Robot, motion: Motion, springs: Springs, fitted: FittedModel, make: Maker
+    robot: Robot, motion: Motion, springs: Springs, fitted: FittedModel
 ) -> Regression:
-    """Return `load_regression` with instruments from the motion by `make` as further columns."""
-    model, made = fitted.model, make(robot, motion, fitted)
+    """Return `load_regression` with the instruments as further columns."""
+    model, made = fitted.model, instrument_motion(robot, motion, fitted)
     rows = load_regression(robot, motion, model, springs)
     # Where friction is known is decided by the measured motion, for instruments as for the rows.
     known = known_frictions(robot, motion, model.torque_joints)
@@ -163,37 +166,18 @@ def estimate_instrumental(
     """Estimate both sides by instrumental variables, starting from least squares.
 
     The instruments come from the previous estimate until no parameter changes by more than a small
-    part of its standard error (Janot, Vandanjon and Gautier 2014): first from smoothed joint
-    positions, which need no good estimate, then on the load side from joints driven by the motors.
-    If the latter diverge or do not converge, the former are kept and flagged; instruments without
-    effect (all drives stiff) are flagged too. Raises IdentificationError if the former do not
-    converge, and as `instrumental` does.
+    part of its standard error (Janot, Vandanjon and Gautier 2014). Instruments without effect (all
+    drives stiff) are flagged. Raises IdentificationError if the estimates do not converge, and as
+    `instrumental` does.
     """
-    robot, joints = condition.robot, condition.model.torque_joints
-    simulated_joints.BY_INSTRUMENTS.check(
-        robot, [joint for joint in joints if joint in robot.elastic_joints]
-    )
-    run = partial(_settled, condition, executor=executor)
-    estimate = run(start, make=instrument_motion)
-    try:
-        estimate = run(estimate, make=driven_motion)
-    except IdentificationError as problem:
-        return replace(estimate, findings=(smoothed_instruments(problem),))
-    if max(_moved(start, estimate).values()) < _NOTHING:
-        return replace(estimate, findings=(instruments_without_effect(),))
-    return estimate
-
-
-def _settled(
-    condition: Condition, estimate: RobotEstimate, make: Maker, executor: Executor | None
-) -> RobotEstimate:
-    """Return the converged estimates of both sides; `make` is for the load side's instruments."""
-    robot, model = condition.robot, condition.model
+    robot, model, joints = condition.robot, condition.model, condition.model.torque_joints
+    BY_INSTRUMENTS.check(robot, [joint for joint in joints if joint in robot.elastic_joints])
     estimator = Estimator(
         lambda rows, propagated: instrumental(*split_instruments(rows), propagated),
         effective_rows=lambda rows, _: split_instruments(rows)[0],
         columns=lambda rows: projected_columns(*split_instruments(rows)),
     )
+    estimate = start
     for _ in range(_MOST_ITERATIONS):
         fitted = _fitted(robot, model, estimate)
         equations: dict[str, Regress] = {
@@ -205,13 +189,14 @@ def _settled(
             robot,
             springs=without_torque(robot, estimate.springs),
             fitted=fitted,
-            make=make,
         )
         before = estimate
         fits = estimate_two_step({ONLY: condition}, estimator, executor, equations=equations)
         estimate = fits.of(ONLY)
         moved = {name: step for name, step in _moved(before, estimate).items() if step > SETTLED}
         if not moved:
+            if max(_moved(start, estimate).values()) < _NOTHING:
+                return replace(estimate, findings=(instruments_without_effect(),))
             return estimate
     worst = max(moved, key=lambda name: moved[name])
     raise IdentificationError(
@@ -229,9 +214,7 @@ def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel
         if joint in robot.elastic_joints
     }
     bad = [
-        joint
-        for joint, values in springs.items()
-        if simulated_joints.linear_spring(robot, joint, values).stiffness <= 0
+        joint for joint, values in springs.items() if _linear_spring(robot, joint, values)[0] <= 0
     ]
     if bad:
         raise IdentificationError(
@@ -255,119 +238,4 @@ def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
         # Without noise the standard errors vanish too, and rounding would be many of them.
         steps[np.abs(new.values - old.values) <= 1e-9 * np.abs(new.values)] = 0.0
         moved |= {f"{name} of {where}": float(s) for name, s in zip(new.names, steps, strict=True)}
-    return moved
-
-
-# Joints that the motors drive by the fitted model
-
-_WINDOW_PERIODS = 5.0
-"""Length of a window in periods of the cutoff, over which model errors accumulate."""
-
-_SWEEPS = 2
-
-_PARALLEL = ("parallel_stiffness", "joint_viscous_friction")
-"""Stiffness and damping between a joint's bodies, parallel to its drive."""
-
-_RUNAWAY = 1e12
-"""Response to a unit of initial position or velocity above which the simulation diverges."""
-
-_DIVERGED = (
-    "the fitted model diverges when it is driven by the measured motors: the encoders are too "
-    "coarse for this cutoff; lower cutoff_hz, or use estimator='wls'"
-)
-
-
-def driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
-    """Return the motion with its joints simulated from the motors by the fitted model (8).
-
-    Stiff joints follow the encoder with less noise, and the motor side stays as measured. The
-    initial state of each window is a least-squares fit to the joint encoders below the cutoff.
-    Raises IdentificationError if the simulation diverges, with a deviation larger than the range of
-    the motion.
-    """
-    model, springs, load_side = fitted.model, fitted.springs, fitted.load_side
-    names = [joint for joint in model.torque_joints if joint in springs]
-    if not names:
-        return simulated_joints.finer_side(robot, motion)
-    joints = list(map(robot.index, names))
-    rows = list(map(model.torque_joints.index, names))
-    bodies = _robot_of(robot, fitted)
-    # k r_L^2 and c r_L^2 at the joint, (4b).
-    lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
-    linear = [simulated_joints.linear_spring(robot, joint, springs[joint]) for joint in names]
-    rate, damping = lever * np.transpose([(x.stiffness, x.damping) for x in linear])
-    # (2, 1, n, n): the derivatives of torques by positions and by speeds.
-    springs_alone = np.array([np.diag(rate), np.diag(damping)])[:, None]
-    parallel = np.array([_parallel_matrix(robot, fitted, name) for name in _PARALLEL])[:, None]
-    turned = at_drives(robot.transmission, motion.joint_position)
-    reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
-    finer = simulated_joints.in_coordinates(
-        simulated_joints.finer_side(robot, motion), robot.transmission, at_drives
-    )
-    simulated = simulated_joints.smoothed(finer, joints)
-    periods = (motion.time[-1] - motion.time[0]) * motion.cutoff_hz
-    windows = max(1, int(periods / _WINDOW_PERIODS)) if np.isfinite(periods) else 1
-    for _ in range(_SWEEPS):
-        with np.errstate(all="ignore"):
-            moved = simulated_joints.in_coordinates(simulated, robot.transmission, at_joints)
-            residual = load_columns(robot, moved, model, springs).residual(load_side)[:, rows]
-            jacobians = torque_jacobians(bodies, *moved.joint_states)
-            jacobians[:2] += parallel
-            inside = jacobians_at_drives(robot.transmission, jacobians)[:, :, joints][..., joints]
-            # The motors are given: a spring, with its damping, pulls as one to a fixed point.
-            inside[:2] += springs_alone
-            load = simulated_joints.LinearisedLoad(inside, 1 / motion.rate_hz, windows)
-            response = load.response(residual[:, :, None])
-        simulated = _with_initial_states(simulated, joints, response, reading, windows)
-    return simulated_joints.in_coordinates(simulated, robot.transmission, at_joints)
-
-
-def _robot_of(robot: Robot, fitted: FittedModel) -> Robot:
-    """Return a robot with the estimated base parameters; it does not matter which one."""
-    prior, base = np.zeros(robot.parameters.size), fitted.model.base
-    prior[::10] = 1.0
-    prior[robot.is_known] = robot.parameters[robot.is_known]
-    bodies = robot.with_values(prior, robot.drives)
-    return with_bodies(bodies, base, fitted.load_side[: len(base.columns)])
-
-
-def _parallel_matrix(robot: Robot, fitted: FittedModel, name: str) -> Array:
-    """Return a parameter of the parallel elements, known or estimated, as a matrix (n, n)."""
-    estimated = dict(zip(fitted.model.names, fitted.load_side, strict=True))
-    values = [
-        drive.values[name]
-        if name in drive.known
-        else estimated.get(ParameterName(name, joint), 0.0)
-        for joint, drive in robot.drives.items()
-    ]
-    return np.diag(values)
-
-
-def _with_initial_states(
-    motion: Motion, joints: list[int], response: Array, reading: Array, windows: int
-) -> Motion:
-    """Return the motion after a sweep, each joint in its own scale, and its initial states."""
-    if not np.all(np.abs(response) < _RUNAWAY):
-        raise IdentificationError(_DIVERGED, "estimator='wls'")
-    spread = np.std(reading, axis=0)
-    scale = 1 / np.where(spread > 0, spread, 1.0)
-    # reading = q + dq + Phi s: the initial states s of each window, by least squares.
-    residual = scale * (reading - motion.joint_position[:, joints] - response[0, :, :, 0])
-    free = scale[:, None] * response[0, :, :, 1:]
-    length = -(-len(reading) // windows)
-    weights = np.ones((windows, 1 + free.shape[2]))
-    for number, start in enumerate(range(0, len(reading), length)):
-        window = slice(start, start + length)
-        columns = free[window].reshape(-1, free.shape[2])
-        weights[number, 1:] = safely(
-            np.linalg.lstsq,
-            columns,
-            residual[window].ravel(),
-            what="the initial states of a simulated motion",
-            rcond=None,
-        )[0]
-    moved = simulated_joints.displaced(motion, joints, response, weights)
-    distance = np.abs(moved.joint_position[:, joints] - reading)
-    if np.any(np.max(distance, axis=0) > np.ptp(reading, axis=0)):
-        raise IdentificationError(_DIVERGED, "estimator='wls'")
     return moved

@@ -3,7 +3,7 @@
 What pulls at the joints are the bodies and, against their motion, the drives: (8) is linearised
 along the motion. A force on the joints, such as the residual of (8) or its derivative by a
 parameter, gives their response, to which free motions from the initial states of each window are
-added. The simulators of `refine` are made of this, and the instruments for (8).
+added. The simulators of `refine` are made of this.
 
 Joints that follow commands under their own controllers are one of these simulators. A rollout is
 that of `replay`, in which dry friction sticks; its sensitivities are those of (8) along it, with
@@ -12,7 +12,7 @@ the gains of the controllers as stiffness and damping. The joint positions are t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
@@ -132,13 +132,7 @@ def finer_side(robot: Robot, motion: Motion) -> Motion:
             q[:, index] = turned + np.mean(q[:, index] - turned)
             v[:, index] = motion.motor_velocity[:, index] / drive.ratio
             a[:, index] = motion.motor_acceleration[:, index] / drive.ratio
-    finer = replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
-    return in_coordinates(finer, robot.transmission, at_joints)
-
-
-def in_coordinates(motion: Motion, matrix: Array, to: Callable[[Array, Array], Array]) -> Motion:
-    """Return the motion with its joints in the coordinates of the drives, or back."""
-    q, v, a = (to(matrix, state) for state in motion.joint_states)
+    q, v, a = (at_joints(robot.transmission, state) for state in (q, v, a))
     return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
 
 
@@ -363,25 +357,6 @@ _LINEAR = {"stiffness", "spring_damping", "spring_offset"}
 
 
 @dataclass(frozen=True)
-class LinearSpring:
-    """A spring with stiffness, damping and an offset."""
-
-    stiffness: float
-    offset: float
-    damping: float
-
-
-def linear_spring(robot: Robot, joint: str, values: Iterable[float]) -> LinearSpring:
-    """Return a spring with its known and its estimated values, in the order of its regressor."""
-    estimated = dict(zip(spring_regressor(robot, joint).names, values, strict=True))
-    drive = robot.drives[joint]
-    known = {name: drive.values[name] for name in drive.known if name in _LINEAR}
-    known |= {name: float(value) for name, value in estimated.items()}
-    names = ("stiffness", "spring_offset", "spring_damping")
-    return LinearSpring(*(known.get(name, 0.0) for name in names))
-
-
-@dataclass(frozen=True)
 class Restrictions:
     """What a method that goes on from two steps refuses.
 
@@ -456,7 +431,8 @@ def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
     The joints `unseen` have no sensor behind their springs, which have to be linear then.
     """
     for joint, drive in robot.drives.items():
-        reasons = chain(_refusals(robot, joint, drive), _of_unseen(robot, joint, drive, unseen))
+        of_spring = _of_unseen(robot, joint, drive, unseen)
+        reasons = chain(_refusals(robot, joint, drive), _of_terms(drive), of_spring)
         if reason := next(reasons, ""):
             raise IdentificationError(
                 f"the refinement cannot simulate the drive of {joint}, {reason}; use the result of "
@@ -475,6 +451,10 @@ def _refusals(robot: Robot, joint: str, drive: Drive) -> Iterator[str]:
             yield "whose equation is not linear in its parameters, or has a ratio of its angle"
     elif drive.motor_input != "torque":
         yield f"of which the {drive.motor_input} was logged, not the torque"
+
+
+def _of_terms(drive: Drive) -> Iterator[str]:
+    """Yield which terms of a drive are not simulated."""
     if "dahl" in drive.spring:
         yield "whose spring has hysteresis, a state that adds up the noise of its deflection"
     if "load" in drive.friction and not drive.is_elastic:

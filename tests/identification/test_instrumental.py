@@ -15,7 +15,6 @@ from seaid.identification import identify
 from seaid.identification.instrumental import (
     FittedModel,
     actuator_with_instruments,
-    driven_motion,
     estimate_instrumental,
     instrument_motion,
     load_with_instruments,
@@ -27,7 +26,7 @@ from seaid.identification.two_step import ONLY, Condition, estimate_two_step
 from seaid.legged import load_robot
 from seaid.log import Motion, reconstruct_motion
 from seaid.regressor import actuator_regression, base_parameters, load_regression
-from seaid.regressor.load import LoadModel, load_columns, load_model
+from seaid.regressor.load import LoadModel, load_model
 from seaid.robot import Robot
 from seaid.simulation import Noise, simulate
 from seaid.simulation.simulation import measure, simulate_motion
@@ -72,7 +71,7 @@ def test_without_noise_the_instruments_are_the_columns() -> None:
         assert np.array_equal(rows.H, plain.H)
         off = np.linalg.norm(Z - rows.H, axis=0) / np.linalg.norm(rows.H, axis=0)
         assert np.all(off < 0.3)
-    both = load_with_instruments(robot, motion, sides.springs, fitted, instrument_motion)
+    both = load_with_instruments(robot, motion, sides.springs, fitted)
     rows, Z = split_instruments(both)
     plain = load_regression(robot, motion, model, sides.springs)
     assert np.array_equal(rows.H, plain.H)
@@ -146,61 +145,7 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
         run(replace(sides, drives={**sides.drives, joint: away}), None)
 
 
-# Joints driven by the fitted model: where they go, and whose noise they have.
-
-
-def driven(motion: Motion) -> Motion:
-    robot, _, _, fitted, _ = noise_free()
-    return driven_motion(robot, motion, fitted)
-
-
-def inside(motion: Motion, values: Array) -> Array:
-    """Return the samples that are not left away at the ends."""
-    trim = round(motion.transient_s * motion.rate_hz)
-    return values[trim:-trim]
-
-
-@pytest.mark.slow  # 2.1 s
-def test_perfect_motors_drive_the_joints_to_where_they_were() -> None:
-    motion = noise_free()[2]
-    made = driven(motion)
-    for name, share in (("position", 1e-3), ("velocity", 0.01), ("acceleration", 0.1)):
-        was = inside(motion, getattr(motion, f"joint_{name}"))
-        off = inside(motion, getattr(made, f"joint_{name}")) - was
-        assert np.all(np.std(off, axis=0) < share * np.std(was, axis=0))
-    assert np.array_equal(made.motor_velocity, motion.motor_velocity)
-
-
-@pytest.mark.slow  # simulates joints in windows of a log
-def test_joints_obey_the_fitted_model_in_every_window() -> None:
-    robot, model, motion, fitted, _ = noise_free()
-    columns = load_columns(robot, driven(motion), model, dict(fitted.springs))
-    rows = [model.torque_joints.index(joint) for joint in SPRINGS]
-    residual, torque = columns.residual(fitted.load_side)[:, rows], columns.torque[:, rows]
-    assert np.all(np.std(residual, axis=0) < 1e-4 * np.std(torque, axis=0))
-
-
-def in_rows(motion: Motion, name: str) -> Array:
-    return inside(motion, getattr(driven(motion), f"joint_{name}"))
-
-
-@pytest.mark.slow  # simulates joints in windows of a log
-def test_noise_of_the_joint_encoders_stays_outside() -> None:
-    """But for the initial states: four numbers a window, of which there are five periods each."""
-    motion = noise_free()[2]
-    joints = [TRUTH.index(joint) for joint in SPRINGS]
-    noise = np.zeros_like(motion.joint_position)
-    noise[:, joints] = 1e-3 * np.random.default_rng(0).normal(size=(len(noise), 2))
-    noisy = replace(
-        motion,
-        joint_position=motion.joint_position + noise,
-        joint_velocity=motion.joint_velocity + 100 * noise,
-        joint_acceleration=motion.joint_acceleration + 1e4 * noise,
-    )
-    moved = in_rows(noisy, "position") - in_rows(motion, "position")
-    assert np.all(np.std(moved, axis=0)[joints] < 0.1 * 1e-3)
-    accelerated = in_rows(noisy, "acceleration") - in_rows(motion, "acceleration")
-    assert np.all(np.std(accelerated, axis=0)[joints] < 0.01 * 10.0)
+# The encoders of stiff joints, and those of springs.
 
 
 @pytest.mark.slow  # 1.8 s
@@ -222,14 +167,6 @@ def test_stiff_joint_moves_with_its_finer_encoder(side: str) -> None:
     assert np.array_equal(made.joint_acceleration[:, wrist], expected)
     middle = np.mean(motion.joint_position[:, wrist])
     assert np.mean(made.joint_position[:, wrist]) == pytest.approx(middle, abs=1e-12)
-
-
-@pytest.mark.slow  # simulates joints in windows of a log
-def test_a_model_that_cannot_be_simulated() -> None:
-    """Bodies with negative inertia run away from the motors."""
-    robot, _, motion, fitted, _ = noise_free()
-    with pytest.raises(IdentificationError, match=r"diverges when it is driven .* lower cutoff_hz"):
-        driven_motion(robot, motion, replace(fitted, load_side=-1e-3 * fitted.load_side))
 
 
 def base_errors(estimator: EstimatorName, seed: int) -> Array:
@@ -258,19 +195,3 @@ def test_noisy_joint_encoders_bias_the_bodies_of_least_squares_only() -> None:
         for estimator in ("wls", "iv")
     )
     assert np.linalg.norm(freed) < 0.3 * np.linalg.norm(plain)
-
-
-@pytest.mark.slow  # simulates joints in windows of a log
-def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    robot, _, motion, _, sides = noise_free()
-
-    def diverges(*_: object) -> Motion:
-        raise IdentificationError("the fitted model diverges")
-
-    monkeypatch.setattr("seaid.identification.instrumental.driven_motion", diverges)
-    found = estimate_instrumental(Condition(robot, [motion], robot.joint_names), sides, None)
-    (finding,) = found.findings
-    assert finding.message.startswith("the instruments of the load side come from the smoothed")
-    assert finding.message.endswith("the fitted model diverges")

@@ -39,7 +39,6 @@ from seaid.identification import (
     refine,
     validate,
 )
-from seaid.identification.instrumental import FittedModel, driven_motion
 from seaid.identification.problem import Method
 from seaid.identification.validation import _actuator
 from seaid.legged import load_robot
@@ -48,7 +47,7 @@ from seaid.log.sources import both_sides
 from seaid.regressor import actuator_regression, base_parameters, joint_torques, load_regression
 from seaid.regressor.base import torque_slopes
 from seaid.regressor.exact.equations import complete_model
-from seaid.regressor.load import LoadModel, load_columns, load_model, offset_sensitivity
+from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
 from seaid.robot import Robot, at_drives, at_joints, torques_at_drives, torques_at_joints
 from seaid.robot.transmission import rows_at_drives
 from seaid.simulation import replay
@@ -589,29 +588,6 @@ def test_a_shifted_zero_does_to_the_torques_what_their_slope_says(name: str) -> 
             i = case.robot.index(joint)
             row = (rows.time == motion.time[at]) & (rows.joint == i)
             assert rows.propagated[row][0] == pytest.approx(expected[i], abs=2e-3, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    "name", quick_first(["elastic differential", "mixed differential", "sliding"])
-)
-def test_motors_drive_coupled_joints_to_where_they_were(name: str) -> None:
-    """The instruments of noisy encoders have 15 % of the noise, and the torques are exact."""
-    case = case_of(name)
-    known, (model, springs, theta) = case.robot.without_nominal(), truth_of(case)
-    clean = reconstruct_motion(known, log_of(case), 12.0)
-    noise = 1e-3 * np.random.default_rng(0).normal(size=clean.joint_position.shape)
-    noisy = replace(clean, joint_position=clean.joint_position + noise)
-    made = driven_motion(known, noisy, FittedModel(model, theta, springs))
-    inside = slice(200, -200)
-    off = at_drives(case.C, made.joint_position - clean.joint_position)[inside]
-    elastic_joints = [known.index(joint) for joint in springs]
-    shaken = at_drives(case.C, noise)[:, elastic_joints]
-    assert np.all(np.std(off[:, elastic_joints], axis=0) < 0.15 * np.std(shaken, axis=0))
-    columns = load_columns(known, made, model, springs)
-    torque, residual = columns.torque[:, elastic_joints], columns.residual(theta)
-    assert np.all(
-        np.std(residual[inside][:, elastic_joints], axis=0) < 1e-3 * np.std(torque, axis=0)
-    )
 
 
 @pytest.mark.parametrize(
