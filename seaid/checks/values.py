@@ -138,11 +138,11 @@ def _drifts(shown: Diagnostics) -> Iterator[Finding]:
         )
 
 
-def instruments_without_effect() -> Finding:
+def instruments_of_stiff_drives() -> Finding:
     """Return the note on instruments of stiff drives."""
     return CODES["weak-instruments"].note(
-        "instrumental variables have no effect: the instruments of stiff drives come from the same "
-        "motor encoder as the motion"
+        "instrumental variables have little effect: the instruments of stiff drives come from the "
+        "same encoder as the motion, below a smaller cutoff"
     )
 
 

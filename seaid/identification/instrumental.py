@@ -25,7 +25,7 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks.values import instruments_without_effect
+from seaid.checks.values import instruments_of_stiff_drives
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimator
 from seaid.estimation.instrumental_variables import instrumental, projected_columns
@@ -154,9 +154,6 @@ def split_instruments(rows: Regression) -> tuple[Regression, Array]:
 SETTLED = 0.01
 """Part of a standard error below which a change of the estimate is negligible."""
 
-_NOTHING = 1e-6
-"""Part of a standard error that is rounding."""
-
 _MOST_ITERATIONS = 20
 
 
@@ -166,9 +163,8 @@ def estimate_instrumental(
     """Estimate both sides by instrumental variables, starting from least squares.
 
     The instruments come from the previous estimate until no parameter changes by more than a small
-    part of its standard error (Janot, Vandanjon and Gautier 2014). Instruments without effect (all
-    drives stiff) are flagged. Raises IdentificationError if the estimates do not converge, and as
-    `instrumental` does.
+    part of its standard error (Janot, Vandanjon and Gautier 2014). A robot without springs has a
+    note. Raises IdentificationError if the estimates do not converge, and as `instrumental` does.
     """
     robot, model, joints = condition.robot, condition.model, condition.model.torque_joints
     BY_INSTRUMENTS.check(robot, [joint for joint in joints if joint in robot.elastic_joints])
@@ -195,9 +191,8 @@ def estimate_instrumental(
         estimate = fits.of(ONLY)
         moved = {name: step for name, step in _moved(before, estimate).items() if step > SETTLED}
         if not moved:
-            if max(_moved(start, estimate).values()) < _NOTHING:
-                return replace(estimate, findings=(instruments_without_effect(),))
-            return estimate
+            notes = () if robot.elastic_joints else (instruments_of_stiff_drives(),)
+            return replace(estimate, findings=notes)
     worst = max(moved, key=lambda name: moved[name])
     raise IdentificationError(
         f"instrumental variables did not converge in {_MOST_ITERATIONS} iterations: {worst} still "

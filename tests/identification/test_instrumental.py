@@ -114,7 +114,7 @@ def test_coarse_joint_encoders_bias_least_squares_more() -> None:
 
 
 @pytest.mark.slow  # a search for instruments in the log of the arm
-def test_stiff_drives_have_no_instruments_and_that_is_said(tmp_path: Path) -> None:
+def test_stiff_drives_have_hardly_any_instruments_and_that_is_said(tmp_path: Path) -> None:
     robot = two_joints(tmp_path, STIFF, STIFF)
     sensors = Noise(motor_resolution_rad=2 * np.pi / 2**10, torque_std_Nm=0.001)
     trajectory = wiggle(robot, 4.0, (0.0, 0.0), (1.2, 1.5))
@@ -122,8 +122,9 @@ def test_stiff_drives_have_no_instruments_and_that_is_said(tmp_path: Path) -> No
     plain, found = (
         identify(robot.without_nominal(), log, estimator=name) for name in ("wls", "iv")
     )
-    assert found.load.values == pytest.approx(plain.load.values, rel=1e-9)
-    assert [one for one in map(str, found.warnings) if "have no effect" in one]
+    change = found.load.values - plain.load.values
+    assert np.max(np.abs(change) / plain.load.standard_errors) < 0.1
+    assert "weak-instruments" in {one.code for one in found.warnings}
 
 
 def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
