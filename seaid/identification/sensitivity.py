@@ -478,9 +478,8 @@ class GivenConstants:
             yield of_conditions.rows
 
     def known_errors(self, estimates: Mapping[str, RobotEstimate]) -> KnownErrors:
-        """Return the errors with the slopes of estimates in turn."""
+        """Return the errors with the slopes of estimates."""
         fits, errors, load = next(iter(estimates.values())).fits, self.errors, None
-        assert fits is not None
         with self.rows(estimates) as rows:
             slopes = {key: fit.slopes(rows[equation]) for key, equation, fit in fits.equations}
             if fits.refit is not None and len(self._offsets):
@@ -504,28 +503,10 @@ class GivenConstants:
         """Return the estimates of all conditions with the errors of what was given."""
         if not self.common:
             return estimates
-        if any(sides.fits is None for sides in estimates.values()):
-            wide = {name: self._included_at_once(name, x) for name, x in estimates.items()}
-        else:
-            known_errors = self.known_errors(estimates)
-            wide = {name: x.with_errors(known_errors, name) for name, x in estimates.items()}
+        known_errors = self.known_errors(estimates)
+        wide = {name: x.with_errors(known_errors, name) for name, x in estimates.items()}
         scales = [shared_scale(x.std) for x in self.common if x.name == "torque"]
         return {name: replace(x, findings=(*x.findings, *scales)) for name, x in wide.items()}
-
-    def _included_at_once(self, name: str, sides: RobotEstimate) -> RobotEstimate:
-        """Return the estimate of both sides at once with the errors of what was given."""
-        assert sides.refit is not None
-        constants = independent_errors({x.key: x.std for x in self.common if not x.is_offset})
-        k = len(constants.names)
-        with self.rows({name: sides}) as rows:
-            both = rows[LOAD]
-            assert isinstance(both, Regression)
-            if len(self._offsets):
-                of_offsets = replace(both, propagated=both.propagated[:, k:])
-                sides = sides.refit(of_offsets, self._offsets)
-            whole, slopes = sides.fit.estimate, sides.fit.slopes(both)[:, :k]
-        wide = constants.with_further(whole, constants.names, slopes).of_names(whole.names)
-        return sides.with_whole(replace(whole, covariance=wide.covariance))
 
 
 def given_constants(
@@ -581,8 +562,7 @@ def _equations(
 ) -> dict[str, Regress]:
     """Return the functions for the rows of a condition, which propagate errors of the constants."""
     robot, fits, equations = condition.robot, sides.fits, dict[str, Regress]()
-    if fits is None:
-        assert sides.regress is not None
+    if sides.regress is not None:
         values = sides.fit.estimate.by_name
         return {LOAD: partial(_with_constants, robot, constants, values, sides.regress)}
     of_drives = {x: (x, fit, actuator_regression) for x, fit in sides.actuators.items()}

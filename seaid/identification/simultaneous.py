@@ -32,6 +32,7 @@ from seaid.drives import ParameterName, readable
 from seaid.drives.drives import groups_of
 from seaid.errors import ExcitationError, IdentificationError, listed
 from seaid.estimation import Estimate, Estimator, FittedRows, least_squares
+from seaid.estimation.fitting import Rows
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import without_torque
@@ -39,6 +40,7 @@ from seaid.identification.simulated_joints import AT_ONCE
 from seaid.identification.stacked_fits import (
     LOAD,
     TORQUE_OFFSET,
+    FitsInTurn,
     RobotEstimate,
     offset_lever,
     spring_of,
@@ -400,6 +402,13 @@ def _estimated(
     of_joints = whole.by_owner()
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
     both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
+
+    def refit(rows: Rows, errors: Array) -> FittedRows:
+        assert isinstance(rows, Regression)
+        last = rows.propagated[:, rows.propagated.shape[1] - len(errors) :]
+        rows = replace(rows, propagated=last)
+        return _estimated(condition, start, estimator, regress, whole.values, rows, errors).fit
+
     optional = [
         name
         for name in whole.names
@@ -413,9 +422,9 @@ def _estimated(
         excluded=start.excluded,
         checks={"both": both.checks(optional)},
         fit=both,
+        fits=FitsInTurn(robot, {}, (), load=both, refit=refit),
         whole=whole,
         regress=regress,
-        refit=partial(_estimated, condition, start, estimator, regress, whole.values),
     )
 
 

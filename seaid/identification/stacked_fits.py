@@ -111,7 +111,8 @@ class FitsInTurn:
     `constants` {joint: name} were fitted for a motor constant of 1; that of a joint in `by_sensor`
     {joint: fit of its spring (4b)} follows from the torque sensor behind it, those of others are
     parameters of the fit `by_load` of (8). `refit` returns the fit of (8) from rows that propagate
-    errors of a covariance (k, k) besides those of the springs; None: noise and errors are one.
+    errors of a covariance (k, k) besides those of the springs; None: noise and errors are one. Both
+    sides at once are the `load` alone.
     """
 
     robot: Robot
@@ -340,9 +341,9 @@ class RobotEstimate:
     """Estimates of both sides of the springs.
 
     `load_side` are the columns of `model`, and `springs` {joint: parameters} those whose torque is
-    that on the load; `checks` and `excluded` by joint, and "load" for the load side. `whole` is the
-    estimate of both sides if they were estimated at once, `fit` the fit of that, or of `load_side`;
-    else they were estimated in turn, in `fits`. `findings` are about the way to the estimates, and
+    that on the load; `checks` and `excluded` by joint, and "load" for the load side. `fits` are
+    those of both sides in turn, `fit` that of (8); sides that were estimated at once have that fit
+    alone, of which `whole` is the estimate. `findings` are about the way to the estimates, and
     `not_shared` is why the data do not support an estimate of both sides at once, whose rows
     `regress` returns.
     """
@@ -354,12 +355,11 @@ class RobotEstimate:
     excluded: Mapping[str, int]
     checks: Mapping[str, ModelChecks]
     fit: FittedRows
+    fits: FitsInTurn
     whole: Estimate | None = None
-    fits: FitsInTurn | None = None
     findings: tuple[Finding, ...] = ()
     not_shared: str = ""
     regress: Callable[[Robot, Motion], Regression] | None = None
-    refit: Callable[[Regression, Array], RobotEstimate] | None = None
 
     @cached_property
     def load(self) -> Estimate:
@@ -369,7 +369,7 @@ class RobotEstimate:
     @property
     def actuators(self) -> Mapping[str, FittedRows]:
         """The fits of the motor equations by joint, if both sides were estimated in turn."""
-        return {} if self.fits is None else self.fits.actuators
+        return self.fits.actuators
 
     @property
     def shared(self) -> tuple[SharedParameter, ...]:
@@ -378,16 +378,12 @@ class RobotEstimate:
         return tuple({x.name: x for fit in fits for x in fit.shared}.values())
 
     def with_errors(self, known: KnownErrors, condition: str) -> RobotEstimate:
-        """Return the estimate in turn of a condition with errors of what was given as known."""
-        assert self.fits is not None
-        drives, side = self.fits.of_condition(condition, self.load_side.names, known)
-        return replace(self, drives=drives, load_side=side)
-
-    def with_whole(self, whole: Estimate) -> RobotEstimate:
-        """Return the estimate of both sides at once with other errors."""
-        by_joint, side = whole.by_owner(), whole.of_names(self.load_side.names)
-        drives = {joint: by_joint[joint] for joint in self.drives}
-        return replace(self, drives=drives, load_side=side, whole=whole)
+        """Return the estimate of a condition with errors of what was given as known."""
+        names = self.load_side.names if self.whole is None else self.whole.names
+        drives, side = self.fits.of_condition(condition, names, known)
+        whole = None if self.whole is None else side
+        load_side = side.of_names(self.load_side.names)
+        return replace(self, drives=drives, load_side=load_side, whole=whole)
 
 
 LEAST_SHARE = 0.02
