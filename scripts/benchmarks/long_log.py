@@ -115,7 +115,7 @@ def estimate(path: Path, way: str) -> dict[str, object]:
     wall, core = time.perf_counter(), time.process_time()
     if way == "streamed":
         long_log = open_long_log(path, arm, cutoff_hz=CUTOFF_HZ)
-        with rows_of_equations([long_log], {"": rows}, True, None, False) as stored:
+        with rows_of_equations([long_log], {"": rows}, True) as stored:
             found = fit(stored[""], estimator_named("ols")).estimate
     else:
         found = ordinary(rows(reconstruct_motion(arm, seaid.read_log(path, arm), CUTOFF_HZ)))

@@ -110,7 +110,7 @@ def check(
     findings = log_findings(robot, in_memory)
     if any(finding.code == "time-unit" for finding in findings):
         return SetupCheck(merged(findings), FrozenMapping({}, "joint"))
-    groups = datasets_by_log(robot, sources, cutoff_hz, None, False)
+    groups = datasets_by_log(robot, sources, cutoff_hz)
     by_log = [list(map(first_motion, group)) for group in groups]
     experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
     findings = findings_of_setup(experiment, {*robot.joint_names}, findings, in_memory)

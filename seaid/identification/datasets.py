@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -30,9 +28,6 @@ Source = Log | LongLog | str | Path
 Dataset = Motion | LongLog
 _FILTER = "filtering the log"
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-
 
 def sources_of(logs: Source | Sequence[Source]) -> list[Source]:
     """Return the logs as a list. Raises IdentificationError for none, and for other types."""
@@ -52,24 +47,22 @@ def datasets_by_log(
     robot: Robot,
     sources: Sequence[Source],
     cutoff_hz: float | None,
-    executor: Executor | None,
-    progress: bool,
+    progress: bool = False,
 ) -> list[list[Dataset]]:
     """Return the motions of each log with one cutoff: the given one, or the lowest one proposed.
 
     The common cutoff is not below the limit of the shortest log. A log with gaps in time has one
-    motion per stretch between them. The executor reconstructs one log per task.
+    motion per stretch between them.
     """
-    filtered = partial(_mapped, executor=executor, progress=progress, description=_FILTER)
-    groups = filtered(partial(_datasets, robot, cutoff_hz), sources)
+    filtered = partial(track, description=_FILTER, enabled=progress)
+    groups = [_datasets(robot, cutoff_hz, source) for source in filtered(sources)]
     common = min(group[0].cutoff_hz for group in groups)
     if cutoff_hz is None:
         # The lowest cutoff of one log may be below what another one, a shorter log, allows.
         common = max([common, *(1.001 * _lowest_hz(group) for group in groups)])
     others = {x: sources[x] for x, group in enumerate(groups) if group[0].cutoff_hz != common}
-    redone = filtered(partial(_datasets, robot, common), [*others.values()])
-    for place, group in zip(others, redone, strict=True):
-        groups[place] = list(map(_in_common, group))
+    for place in filtered([*others]):
+        groups[place] = list(map(_in_common, _datasets(robot, common, others[place])))
     return groups
 
 
@@ -147,12 +140,11 @@ def rows_of_equations(
     datasets: Sequence[Dataset],
     equations: Mapping[str, Regress],
     stored: bool,
-    executor: Executor | None,
-    progress: bool,
+    progress: bool = False,
 ) -> Iterator[Mapping[str, Rows]]:
     """Yield the rows of several equations; those of long logs may be `stored` in files."""
     long_logs = [dataset for dataset in datasets if isinstance(dataset, LongLog)]
-    if stored and len(long_logs) == len(datasets) and executor is None:
+    if stored and len(long_logs) == len(datasets):
         steps_s = tuple(log.step_s for log in long_logs)
         pieces = (
             (number, name, rows)
@@ -162,17 +154,14 @@ def rows_of_equations(
         with stored_rows(equations, steps_s, pieces) as files:
             yield files
         return
-    yield rows_in_memory(datasets, equations, executor, progress)
+    yield rows_in_memory(datasets, equations, progress)
 
 
 def rows_in_memory(
-    datasets: Sequence[Dataset],
-    equations: Mapping[str, Regress],
-    executor: Executor | None = None,
-    progress: bool = False,
+    datasets: Sequence[Dataset], equations: Mapping[str, Regress], progress: bool = False
 ) -> dict[str, Regression]:
     """Return the rows of all datasets for several equations, for which each log is read once."""
-    parts = _mapped(partial(_rows, equations), datasets, executor, progress, "regressors")
+    parts = [_rows(equations, dataset) for dataset in track(datasets, "regressors", progress)]
     return {name: stacked([part[name] for part in parts]) for name in equations}
 
 
@@ -197,15 +186,3 @@ def _rows(equations: Mapping[str, Regress], dataset: Dataset) -> dict[str, Regre
         parts[name].append(rows)
     whole = {name: stacked(pieces) for name, pieces in parts.items()}
     return {name: replace(rows, run=np.zeros(len(rows.y))) for name, rows in whole.items()}
-
-
-def _mapped(
-    function: Callable[[Item], Result],
-    items: Sequence[Item],
-    executor: Executor | None,
-    progress: bool,
-    description: str,
-) -> list[Result]:
-    if executor is not None:
-        return list(executor.map(function, items))
-    return list(map(function, track(items, description, progress) if progress else items))

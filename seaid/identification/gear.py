@@ -76,7 +76,7 @@ def gear_estimates(
         joint: partial(gear_regression, robot, joint=joint, spring=spring.values)
         for joint, spring in springs.items()
     }
-    with rows_of_equations(datasets, equations, estimator.weigh is not None, None, False) as rows:
+    with rows_of_equations(datasets, equations, estimator.weigh is not None) as rows:
         return {
             joint: _gear(robot, joint, fit(rows[joint], estimator).estimate, springs[joint])
             for joint in joints

@@ -6,7 +6,6 @@ Without a sensor behind some springs their motors alone determine them, by simul
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import fields, replace
 from functools import partial
 from itertools import pairwise
@@ -62,7 +61,6 @@ def identify(
     encoder_offset_std: float = 0.0,
     known_std: Mapping[str, float] = MappingProxyType({}),
     share: Mapping[str, Sequence[str]] = MappingProxyType({}),
-    executor: Executor | None = None,
     progress: bool = False,
 ) -> Identification:
     """Identify the drives and the load of a robot from one log or several.
@@ -110,8 +108,6 @@ def identify(
     share : mapping {group: joints}
         Drives of one type, whose friction, spring, rotor inertia and constants are the same ones,
         besides those that the drives file names (`shared`); `Identification.shared` tests it.
-    executor : concurrent.futures.Executor, optional
-        Processes the logs, one per task.
     progress : bool
         Show progress bars.
 
@@ -141,7 +137,6 @@ def identify(
         cutoff_hz=cutoff_hz,
         encoder_offset_std=encoder_offset_std,
         known_std=known_std,
-        executor=executor,
         progress=progress,
     )
     sources = sources_of(logs)

@@ -18,7 +18,6 @@ The instruments come from the previous estimate, iterated.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -96,7 +95,8 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
 def _linear_spring(robot: Robot, joint: str, estimated: Iterable[float]) -> tuple[float, float]:
     """Return stiffness and offset of a spring, known or in the order of its regressor."""
     names = spring_regressor(robot, joint).names
-    values = {**robot.drives[joint].values, **dict(zip(names, estimated, strict=True))}
+    values = dict(robot.drives[joint].values)
+    values.update(zip(names, estimated, strict=True))
     return values["stiffness"], values.get("spring_offset", 0.0)
 
 
@@ -157,9 +157,7 @@ SETTLED = 0.01
 _MOST_ITERATIONS = 20
 
 
-def estimate_instrumental(
-    condition: Condition, start: RobotEstimate, executor: Executor | None
-) -> RobotEstimate:
+def estimate_instrumental(condition: Condition, start: RobotEstimate) -> RobotEstimate:
     """Estimate both sides by instrumental variables, starting from least squares.
 
     The instruments come from the previous estimate until no parameter changes by more than a small
@@ -168,26 +166,10 @@ def estimate_instrumental(
     """
     robot, model, joints = condition.robot, condition.model, condition.model.torque_joints
     BY_INSTRUMENTS.check(robot, [joint for joint in joints if joint in robot.elastic_joints])
-    estimator = Estimator(
-        lambda rows, propagated: instrumental(*split_instruments(rows), propagated),
-        effective_rows=lambda rows, _: split_instruments(rows)[0],
-        columns=lambda rows: projected_columns(*split_instruments(rows)),
-    )
     estimate = start
     for _ in range(_MOST_ITERATIONS):
-        fitted = _fitted(robot, model, estimate)
-        equations: dict[str, Regress] = {
-            joint: partial(actuator_with_instruments, robot, joint=joint, fitted=fitted)
-            for joint in robot.elastic_joints
-        }
-        equations[LOAD] = partial(
-            load_with_instruments,
-            robot,
-            springs=without_torque(robot, estimate.springs),
-            fitted=fitted,
-        )
-        before = estimate
-        fits = estimate_two_step({ONLY: condition}, estimator, executor, equations=equations)
+        before, equations = estimate, _equations(robot, model, estimate)
+        fits = estimate_two_step({ONLY: condition}, _BY_ROWS, equations=equations)
         estimate = fits.of(ONLY)
         moved = {name: step for name, step in _moved(before, estimate).items() if step > SETTLED}
         if not moved:
@@ -200,6 +182,25 @@ def estimate_instrumental(
         "estimator='wls'",
         "estimator='wls'",
     )
+
+
+_BY_ROWS = Estimator(
+    lambda rows, propagated: instrumental(*split_instruments(rows), propagated),
+    effective_rows=lambda rows, _: split_instruments(rows)[0],
+    columns=lambda rows: projected_columns(*split_instruments(rows)),
+)
+"""The estimator of rows with their instruments as further columns."""
+
+
+def _equations(robot: Robot, model: LoadModel, estimate: RobotEstimate) -> dict[str, Regress]:
+    """Return the functions for the rows of both sides, with instruments by an estimate."""
+    fitted, zero = _fitted(robot, model, estimate), without_torque(robot, estimate.springs)
+    equations: dict[str, Regress] = {
+        joint: partial(actuator_with_instruments, robot, joint=joint, fitted=fitted)
+        for joint in robot.elastic_joints
+    }
+    load = partial(load_with_instruments, robot, springs=zero, fitted=fitted)
+    return equations | {LOAD: load}
 
 
 def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel:

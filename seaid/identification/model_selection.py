@@ -155,7 +155,7 @@ def compare_terms(
     check_held(robot, "compare_terms", IdentificationError)
     plain, compared = _asked(terms), robot.selected(joints)
     selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
-    datasets = list(chain(*datasets_by_log(robot, sources_of(logs), cutoff_hz, None, progress)))
+    datasets = list(chain(*datasets_by_log(robot, sources_of(logs), cutoff_hz, progress)))
     motions = [first_motion(dataset) for dataset in datasets]
     used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     comparisons: list[TermComparison] = []
@@ -296,7 +296,7 @@ def _with_backlash(
         return model
     if not finer:  # the same for every joint
         sharp = model.robot.with_drives({joint: with_term(drive, *terms[0])})
-        groups = datasets_by_log(sharp, sources_of(logs), None, None, False)
+        groups = datasets_by_log(sharp, sources_of(logs), None)
         finer += map(first_motion, chain(*groups))
     added: list[TermComparison] = []
     # The finer cutoff is for the corners of the zone alone: other terms stay at that of the motion.

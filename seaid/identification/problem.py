@@ -9,7 +9,6 @@ find.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -93,7 +92,6 @@ class Options:
     cutoff_hz: float | None = None
     encoder_offset_std: float = 0.0
     known_std: Mapping[str, float] = field(default_factory=dict)
-    executor: Executor | None = None
     progress: bool = False
     specific: SpecificParameters = NOTHING_SPECIFIC
 
@@ -217,7 +215,6 @@ class Problem:
         fits = estimate_two_step(
             self.cases,
             options.linear_estimator,
-            options.executor,
             options.progress,
             options.specific,
             sensor_errors=bias,
@@ -232,7 +229,7 @@ class Problem:
         """The encoders as given, and all else as exact."""
         std, options = self.options.encoder_offset_std, self.options
         constants = {name: encoder_offsets(case.robot, std) for name, case in self.cases.items()}
-        return GivenConstants(self.cases, constants, options.specific, options.executor)
+        return GivenConstants(self.cases, constants, options.specific)
 
     @cached_property
     def two_step(self) -> Mapping[str, RobotEstimate]:
@@ -249,14 +246,13 @@ class Problem:
         if self.only is None:
             return self.two_step
         ((name, start),), options, case = self.two_step.items(), self.options, self.only
-        executor = options.executor
 
         def at_once() -> RobotEstimate:
-            both = estimate_simultaneous(case, start, options.linear_estimator, executor)
+            both = estimate_simultaneous(case, start, options.linear_estimator)
             return self.offsets.included({name: both})[name]
 
         if options.estimator == "iv":
-            instrumental = estimate_instrumental(case, start, executor)
+            instrumental = estimate_instrumental(case, start)
             return self.offsets.included({name: instrumental})
         if options.method == "simultaneous":
             return {name: at_once()}
@@ -353,7 +349,7 @@ def _logs_of(
     logs = [source for source in read if isinstance(source, Log)]
     findings = log_findings(robot, logs, selected)
     with explained(lambda: findings):  # an error raised inside gets these findings as its cause
-        groups = datasets_by_log(robot, read, cutoff_hz, options.executor, options.progress)
+        groups = datasets_by_log(robot, read, cutoff_hz, options.progress)
         locked = locked_outputs(robot, logs)
         motions_by_log = [list(map(first_motion, group)) for group in groups]
         standing = dict[str, float]()

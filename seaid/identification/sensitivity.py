@@ -17,7 +17,6 @@ A scale error of the torques changes all parameters together: their covariance s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -443,7 +442,6 @@ class GivenConstants:
     conditions: Mapping[str, two_step.Condition]
     constants: Mapping[str, Sequence[Constant]]
     specific: two_step.SpecificParameters
-    executor: Executor | None
 
     @property
     def common(self) -> Sequence[Constant]:
@@ -472,7 +470,6 @@ class GivenConstants:
             equations,
             two_step.propagated_names(first.robot, [*sides.springs]),
             sides.fit.rows is None,
-            self.executor,
             error_names=[constant.key for constant in self.common],
         ) as of_conditions:
             yield of_conditions.rows

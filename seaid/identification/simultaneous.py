@@ -19,7 +19,6 @@ own.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 
@@ -353,7 +352,7 @@ def _moved(first: Estimate, both: Estimate) -> list[tuple[str, float]]:
 
 
 def estimate_simultaneous(
-    condition: Condition, start: RobotEstimate, estimator: Estimator, executor: Executor | None
+    condition: Condition, start: RobotEstimate, estimator: Estimator
 ) -> RobotEstimate:
     """Estimate both sides at once; `whole` has the covariance between them.
 
@@ -366,7 +365,7 @@ def estimate_simultaneous(
     regress = partial(
         simultaneous_regression, model=condition.model, springs=springs, offsets=offsets
     )
-    rows = rows_in_memory(condition.datasets, {LOAD: partial(regress, robot)}, executor)[LOAD]
+    rows = rows_in_memory(condition.datasets, {LOAD: partial(regress, robot)})[LOAD]
     values, nothing = _values(rows, start), np.zeros((0, 0))
     return _estimated(condition, start, estimator, regress, values, rows, nothing)
 

@@ -7,7 +7,6 @@ with the others, and an identification of one robot is that of one condition wit
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -168,7 +167,6 @@ class TwoStepFits:
 def estimate_two_step(
     conditions: Mapping[str, Condition],
     estimator: Estimator,
-    executor: Executor | None = None,
     progress: bool = False,
     specific: SpecificParameters = NOTHING_SPECIFIC,
     equations: Mapping[str, Regress] | None = None,
@@ -196,7 +194,7 @@ def estimate_two_step(
     stored, propagated = estimator.weigh is not None, propagated_names(robot, joints)
     is_plain = equations is None
     with rows_of_conditions(
-        conditions, specific, by_condition, propagated, stored, executor, progress
+        conditions, specific, by_condition, propagated, stored, progress
     ) as of_conditions:
         rows = of_conditions.rows
         motors = _fits_of_motors(robot, motions, estimator, joints, sensed, rows)
@@ -231,7 +229,6 @@ def rows_of_conditions(
     equations: Mapping[str, Mapping[str, Regress]],
     propagated: Sequence[ParameterName],
     stored: bool,
-    executor: Executor | None,
     progress: bool = False,
     error_names: Sequence[ParameterName] = (),
 ) -> Iterator[ConditionRows]:
@@ -243,11 +240,11 @@ def rows_of_conditions(
     """
     if len(conditions) == 1:
         ((name, only),) = conditions.items()
-        with rows_of_equations(only.datasets, equations[name], stored, executor, progress) as rows:
+        with rows_of_equations(only.datasets, equations[name], stored, progress) as rows:
             yield ConditionRows(rows)
         return
     parts = {
-        name: rows_in_memory(x.datasets, equations[name], executor, progress)
+        name: rows_in_memory(x.datasets, equations[name], progress)
         for name, x in conditions.items()
     }
     by_equation = {

@@ -111,7 +111,7 @@ def npz(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def stream_estimate(logs: list[LongLog]) -> tuple[Estimate, QRFactor]:
-    with rows_of_equations(logs, {"": actuator}, True, None, False) as stored:
+    with rows_of_equations(logs, {"": actuator}, True) as stored:
         rows = stored[""]
         assert isinstance(rows, StoredRows)
         return stored_estimate(rows, settled_weights, None)[:2]

@@ -1,7 +1,6 @@
 """identify: its choices, its result, and logs that have no answer."""
 
 from collections.abc import Callable
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -27,7 +26,6 @@ from tests.experiments import (
     load_scores,
 )
 from tests.mistakes import with_channels
-from tests.representatives import quick_first
 
 KNOWN = leg(TEST_MASS).without_nominal()
 
@@ -84,7 +82,7 @@ def test_wrong_joint_zeros_are_within_errors_that_know_of_them() -> None:
     assert worst[1] < 3.5
 
 
-# identify: both sides at once, possible bodies, files, executors, checks, cross-validation.
+# identify: both sides at once, possible bodies, files, checks, cross-validation.
 
 
 KNOWN_STD = {"torque": 0.03, "payload": 0.1, "gear_ratio": 0.001}
@@ -133,20 +131,6 @@ def test_a_long_log_in_another_pass_band_is_opened_anew(tmp_path: Path) -> None:
     opened = open_long_log(tmp_path / "log.npz", KNOWN, cutoff_hz=6.0)
     assert identify(KNOWN, opened, cutoff_hz=5.0).cutoff_hz == 5.0
     assert identify(KNOWN, opened).cutoff_hz == 6.0
-
-
-@pytest.mark.slow  # 1.1 s
-@pytest.mark.parametrize("executor", quick_first([ThreadPoolExecutor, ProcessPoolExecutor]))
-def test_an_executor_works_on_the_logs(executor: type[Executor], tmp_path: Path) -> None:
-    write_log(leg_log(2), tmp_path / "second.npz")
-    cutoff_hz = found().cutoff_hz
-    in_turn = partial(identify, KNOWN, cutoff_hz=cutoff_hz, method="two-step")
-    here = in_turn([leg_log(), leg_log(2)])
-    with executor(2) as pool:  # type: ignore[call-arg]
-        there = in_turn([leg_log(), tmp_path / "second.npz"], executor=pool)
-    assert_same(there.load, here.load)
-    for joint in ELASTIC:
-        assert_same(there.drives[joint], here.drives[joint])
 
 
 def test_checks_say_that_each_term_is_worth_having() -> None:

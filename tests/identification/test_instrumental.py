@@ -139,11 +139,11 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     drive = sides.drives[joint]
     flipped = replace(drive, values=-drive.values)
     with pytest.raises(IdentificationError, match=f"stiffness of {joint} is not positive"):
-        run(replace(sides, drives={**sides.drives, joint: flipped}), None)
+        run(replace(sides, drives={**sides.drives, joint: flipped}))
     monkeypatch.setattr("seaid.identification.instrumental._MOST_ITERATIONS", 1)
     away = replace(drive, values=0.5 * drive.values)
     with pytest.raises(IdentificationError, match=r"did not converge in 1 iterations: .* changes"):
-        run(replace(sides, drives={**sides.drives, joint: away}), None)
+        run(replace(sides, drives={**sides.drives, joint: away}))
 
 
 # The encoders of stiff joints, and those of springs.
