@@ -104,15 +104,6 @@ LINES: dict[str, tuple[str, str, Library]] = {
         "",
         lambda arm: {"joints": plain(seaid.check(robot_of(arm), log_of(arm)).joints)},
     ),
-    "check --delays": (
-        LOG,
-        "csv",
-        lambda arm: {
-            "delays": [
-                asdict(x) for x in seaid.identification.estimate_delays(robot_of(arm), log_of(arm))
-            ]
-        },
-    ),
     "check --terms": (
         f"{LOG} --of elbow",
         "toml",
