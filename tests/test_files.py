@@ -216,7 +216,7 @@ def test_files_are_written_in_one_place() -> None:
             if ast.unparse(call.func) == "whole_file":
                 whole.add(place)
     assert "_files.py" in writing
-    assert writing - whole == {"log/readers/child_process.py"}
+    assert writing - whole == {"cli/program.py", "log/readers/child_process.py"}
 
 
 def test_folders_of_killed_processes_are_removed_and_those_of_living_ones_stay(
