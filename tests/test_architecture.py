@@ -129,12 +129,12 @@ ONE_IMPORTER = {
         "symbolic.independence",
     ),
     "functions that users call": (
-        *("identification.conditions", "identification.static_calibration"),
+        "identification.conditions",
         *("frequency.frequency_response", "identification.output_error", "excitation.design"),
         *("log.long_log", "project.project", "project.saved"),
         *("report.comparison", "symbolic.expression_text"),
         "regressor.structural_identifiability",
-        *("export.mjcf", "export.parameters", "export.urdf"),
+        *("export.mjcf", "export.urdf"),
         "identification.identification",
     ),
     "one part of the page or window each": (

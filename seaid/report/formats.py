@@ -309,7 +309,7 @@ class Column:
     """A column: its head as in a terminal, and the `kind` of its values, of FORMATS.
 
     A page begins the head with a capital, but for a name that the user gave, `is_name`. An optional
-    column that has a value in no row is left out.
+    column that has a value in no row is omitted.
     """
 
     head: str
