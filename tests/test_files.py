@@ -198,9 +198,7 @@ def test_a_deleted_working_folder_is_said(tmp_path: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.slow  # 0.7 s
 def test_files_are_written_in_one_place() -> None:
-    """Elsewhere only what `whole_file` gave is written to, what closed streams say, and messages
-    between a process and its child, in a temporary folder of theirs.
-    """
+    """Elsewhere only what `whole_file` gave is written to, and what closed streams say."""
     package = Path(seaid.__file__).parent
     writing, whole = set(), set()
     for path in package.rglob("*.py"):
@@ -216,7 +214,7 @@ def test_files_are_written_in_one_place() -> None:
             if ast.unparse(call.func) == "whole_file":
                 whole.add(place)
     assert "_files.py" in writing
-    assert writing - whole == {"cli/program.py", "log/readers/child_process.py"}
+    assert writing - whole == {"cli/program.py"}
 
 
 def test_folders_of_killed_processes_are_removed_and_those_of_living_ones_stay(

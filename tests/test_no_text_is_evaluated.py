@@ -46,7 +46,6 @@ PARSE = {"symbolic/expression_text.py"}
 
 IMPORT_MODULE = {
     "log/readers/table.py",
-    "log/readers/child_process.py",
     "robot/robot_file.py",
     "project/running.py",
     "cli/commands.py",
@@ -54,7 +53,7 @@ IMPORT_MODULE = {
 """Names of seaid's own modules (commands: of a fixed list), of readers listed in `log/readers`, of
 three optional packages, and of robots in the list of robot_descriptions; none is of a file."""
 
-LOAD = {"log/readers/child_process.py", "estimation/fitting.py", "project/saved.py"}
+LOAD = {"estimation/fitting.py", "project/saved.py"}
 """`np.load` refuses objects unless `allow_pickle` is given, which occurs as False only."""
 
 

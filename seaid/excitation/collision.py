@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import coal
 import numpy as np
@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, finite
 from seaid.errors import ExcitationError, RobotError, listed, reason_of, shortened
-from seaid.log.readers.child_process import Answer, ChildError, doing, run_in_child
+from seaid.log.readers.child_process import ChildError, child
 from seaid.robot import Robot, UrdfTree, reread_urdf
 from seaid.robot.urdf import find_mesh, numbers_of, search_folders
 
@@ -40,34 +40,33 @@ def hulls(urdf: str | Path, meshes: Sequence[Mesh]) -> list[Any]:
         return []
     size = sum(Path(path).stat().st_size for _, path, _ in meshes)
     seconds = _SECONDS + size / _BYTES_PER_SECOND
+    shapes = []
+    with child(seconds) as call:
+        for link, path, scale in meshes:
+            where = f"link '{link}': collision mesh '{path}'"
+            try:
+                option, corners = call(hull_corners, where, path, scale)
+            except ChildError as problem:
+                raise RobotError(
+                    f"collision geometry of '{urdf}' cannot be read: {problem} at {where}; repair "
+                    "the mesh, or use a box, a cylinder or a sphere in its place"
+                ) from None
+            shapes.append(coal.Convex.convexHull(_points(corners), True, option))
+    return shapes
+
+
+def hull_corners(
+    where: str, path: str, scale: tuple[float, float, float]
+) -> tuple[Literal["Qt", "QJ"], Array]:
+    """Return the option of Qhull and the corners (C, 3) of a mesh's hull; runs in the child."""
     try:
-        options, corners = run_in_child(hull_corners, {"meshes": meshes}, seconds=seconds)
-    except ChildError as problem:
-        raise RobotError(
-            f"collision geometry of '{urdf}' cannot be read: {problem}; repair the mesh, or use a "
-            "box, a cylinder or a sphere in its place"
-        ) from None
-    pairs = zip(corners.values(), options, strict=True)
-    return [coal.Convex.convexHull(_points(points), True, option) for points, option in pairs]
+        vertices = np.array(coal.MeshLoader().load(path, np.array(scale, dtype=float)).vertices())
+    except Exception as problem:  # a reader of fifty formats
+        raise RobotError(f"{where} cannot be read: {_reason(problem)}") from None
+    return _corners(where, vertices)
 
 
-def hull_corners(meshes: Sequence[Mesh]) -> Answer:
-    """Return the option of Qhull and the corners (C, 3) of each mesh's hull; runs in the child."""
-    loader = coal.MeshLoader()
-    options, corners = [], {}
-    for place, (link, path, scale) in enumerate(meshes):
-        where = f"link '{link}': collision mesh '{path}'"
-        doing(where)
-        try:
-            vertices = np.array(loader.load(path, np.array(scale, dtype=float)).vertices())
-        except Exception as problem:  # a reader of fifty formats
-            raise RobotError(f"{where} cannot be read: {_reason(problem)}") from None
-        option, corners[str(place)] = _corners(where, vertices)
-        options.append(option)
-    return options, corners
-
-
-def _corners(where: str, vertices: Array) -> tuple[str, Array]:
+def _corners(where: str, vertices: Array) -> tuple[Literal["Qt", "QJ"], Array]:
     """Return the option with which coal accepts the hull, and its corners (C, 3).
 
     Raises RobotError for a flat mesh.

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from seaid.errors import LogError
-from seaid.log.readers.child_process import Answer, read_in_child
+from seaid.log.readers.child_process import read_in_child
 from seaid.log.readers.table import Block, Table, check_installed
 
 _FIELDS = (
@@ -45,7 +45,7 @@ def open_hebilog(path: Path) -> Table:
     """
     check_installed("hebi", "hebi", path)
     _check_end(path)
-    modules, fields = read_in_child(read_fields, path, "a HEBI log", bytes_per_second=2e5)
+    modules, fields = read_in_child(read_fields, path, "a HEBI log", 2e5)
     kinds = (*_CLOCKS, *_FIELDS)
     places = {f"{kind}[{k}]": (kind, k) for k in range(modules) for kind in kinds}
     clocks = {f"{field}[{k}]": f"time[{k}]" for k in range(modules) for field in _FIELDS}
@@ -56,7 +56,7 @@ def open_hebilog(path: Path) -> Table:
     return Table(list(places), load, clocks=clocks)
 
 
-def read_fields(path: str) -> Answer:
+def read_fields(path: str) -> tuple[int, dict[str, Any]]:
     """Return the number of modules and all fields (T, modules) of a log; runs in the child."""
     from hebi import util
 

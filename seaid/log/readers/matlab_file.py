@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from seaid.errors import LogError, listed
-from seaid.log.readers.child_process import Answer, read_in_child
+from seaid.log.readers.child_process import read_in_child
 from seaid.log.readers.table import Block, Table, check_columns, is_number, optional
 
 _DEEPEST = 20
@@ -27,9 +27,8 @@ def open_mat(path: Path) -> Table:
     A field of a structure is "log.q". The longer side of a matrix is time. Raises LogError for an
     invalid file, one without an array of numbers, and from version 7.3 on if h5py is not installed.
     """
-    names, columns = read_in_child(mat_columns, path, "a MATLAB file", bytes_per_second=2e6)
-    check_columns(path, len(columns))
-    data = dict(columns)
+    names, data = read_in_child(mat_columns, path, "a MATLAB file", 2e6)
+    check_columns(path, len(data))
     if not data:
         raise LogError(
             f"'{path}' has no array of numbers, found: {listed(names) or 'none'}; {_HINT}"
@@ -37,7 +36,7 @@ def open_mat(path: Path) -> Table:
     return Table(list(data), lambda wanted: {name: data[name] for name in wanted})
 
 
-def mat_columns(path: str) -> Answer:
+def mat_columns(path: str) -> tuple[list[str], Block]:
     """Return the names of the variables and the columns of a file; runs in the child."""
     from scipy import io
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
-from functools import partial
 from itertools import islice
 from numbers import Real
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from seaid.errors import LogError
-from seaid.log.readers.child_process import Answer, read_in_child
+from seaid.log.readers.child_process import read_in_child
 from seaid.log.readers.table import Block, Table, check_columns, check_installed
 
 _LOOKED_AT = 100
@@ -40,19 +39,17 @@ def open_bag(path: Path) -> Table:
     """
     check_installed("rosbags.highlevel", "ros", path)
 
-    in_child = partial(read_in_child, path=path, kind="a ROS bag", bytes_per_second=2e4)
-
     def load(wanted: list[str]) -> Block:
-        _, data = in_child(bag_samples, wanted=wanted)
-        return dict(data)
+        data: Block = read_in_child(bag_samples, path, "a ROS bag", 2e4, wanted)
+        return data
 
-    names, clocks = in_child(bag_columns)[0]
+    names, clocks = read_in_child(bag_columns, path, "a ROS bag", 2e4)
     if not names:
         raise LogError(f"'{path}' has no message with numbers")
     return Table(names, load, clocks=clocks, sparse=True)
 
 
-def bag_columns(path: str) -> Answer:
+def bag_columns(path: str) -> tuple[list[str], dict[str, str]]:
     """Return the names and clocks of the columns of a bag; runs in the child."""
     names: list[str] = []
     clocks: dict[str, str] = {}
@@ -74,10 +71,10 @@ def bag_columns(path: str) -> Answer:
             columns = [f"{topic}/{name}" for name in numbers]
             names += [name for name in columns if name not in clocks]
             clocks |= dict.fromkeys(columns, clock)
-    return (names, clocks), {}
+    return names, clocks
 
 
-def bag_samples(path: str, wanted: list[str]) -> Answer:
+def bag_samples(path: str, wanted: list[str]) -> Block:
     """Return the samples of columns of a bag; runs in the child."""
     data: Block = {}
     with _opened(Path(path)) as bag:
@@ -89,7 +86,7 @@ def bag_samples(path: str, wanted: list[str]) -> Answer:
             used = [connection for connection in bag.connections if connection.topic == topic]
             rows = [[row.get(x, np.nan) for x in keys.values()] for row in _rows(bag, used)]
             data |= dict(zip(keys, np.array(rows, dtype=np.float64).T, strict=True))
-    return None, data
+    return data
 
 
 def _values(message: Any, start_ns: int, name: str = "") -> Iterator[tuple[str, float]]:
