@@ -9,7 +9,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, takewhile, zip_longest
 from pathlib import Path
@@ -20,13 +20,10 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.errors import LogError, listed, shortened
 from seaid.log.readers.table import (
-    FEWEST_SAMPLES,
     Block,
     Blocks,
     Table,
     check_memory,
-    damaged,
-    has_samples_in_columns,
     in_pieces,
     joined,
 )
@@ -65,26 +62,19 @@ _WORDS = {
 NO_HEADER = "the first line is numbers: no header?"
 
 
-_Items = dict[int, int | None]
-
-
 @dataclass(frozen=True)
 class _Header:
     """The names of the columns of a file, and its format; `skipped` lines are before the samples.
 
-    `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ... `width` is
-    the number of cells in a line; `items` are the cells of the columns and, of a cell that has a
-    list, how many numbers, if any has one.
+    `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ....
     """
 
     path: Path
     names: list[str]
     delimiter: str
     decimal: str
-    width: int
     skipped: int
     has_names: bool = True
-    items: _Items = field(default_factory=dict)
 
     def places_of(self, wanted: list[str]) -> list[int]:
         """Return the places of columns. Raises LogError for a duplicate name."""
@@ -105,11 +95,10 @@ def open_csv(path: Path) -> Table:
 
     Numbers may have decimal commas where commas do not delimit. Comments behind # or % may come
     first; the last one is the header if it has as many names as the samples. Without a header the
-    columns are 1, 2, 3, ..., which are its rows if these are far longer. Raises LogError for an
-    invalid file, and for one too large to be loaded at once.
+    columns are 1, 2, 3, ....
+
+    Raises LogError for an invalid file, and for one too large to be loaded at once.
     """
-    if (table := _in_rows(path)) is not None:
-        return table
     with _opened(path) as file:
         header = _header(path, _lines(path, file))
 
@@ -126,30 +115,6 @@ _NUMBERED = (
     f"{NO_HEADER} Name the columns by their numbers, from 1 on, in the description of the "
     "log (time = 1, joint_position = 2, ...), or write a line of names on top"
 )
-
-
-def _in_rows(path: Path) -> Table | None:
-    """Return the columns of a table of numbers with a channel per row, None for any other file."""
-    with path.open("rb") as file:
-        start = file.readline(2 * FEWEST_SAMPLES)
-        if len(start) < 2 * FEWEST_SAMPLES:
-            return None  # a digit and a delimiter per number
-        check_memory(path, path.stat().st_size)
-        # The limit of the first read may be the end of its line.
-        rest = b"" if start.endswith(b"\n") else file.readline()
-        count = 1 + sum(not line.isspace() for line in file)
-    form = _format_of((start + rest).decode("utf-8", "replace").rstrip())
-    if form is None or not has_samples_in_columns((count, form.cells)):
-        return None
-    delimiter = None if form.delimiter == " " else form.delimiter
-
-    def load(wanted: list[str]) -> Block:
-        check_memory(path, path.stat().st_size)
-        with damaged(path, "a table of numbers with a channel per line"):
-            rows = np.loadtxt(path, delimiter=delimiter, ndmin=2)
-        return {name: rows[int(name) - 1] for name in wanted}
-
-    return Table([str(place) for place in range(1, count + 1)], load, notice=_NUMBERED)
 
 
 @contextmanager
@@ -226,15 +191,14 @@ def _units(path: Path, line: str, header: _Header) -> list[str]:
     """Return the units in a line below the names, without brackets; [] for a line of samples."""
     cells = _row(path, header.cleaned([line])[0], header.delimiter)
     filled = [cell.strip() for cell in cells if cell.strip()]
-    if not filled or len(cells) != header.width or any(map(_is_sample, filled)):
+    if not filled or len(cells) != len(header.names) or any(map(_is_sample, filled)):
         return []
     return [cell.strip("()[] ") for cell in cells]
 
 
 def _is_sample(cell: str) -> bool:
-    """Return whether a cell is a number, a list of numbers, a date, or a word for a number."""
-    numbers = map(_value, _list(cell) or [cell])
-    return None not in numbers or bool(_DATE.search(cell))
+    """Return whether a cell is a number, a date, or a word for a number."""
+    return _value(cell) is not None or bool(_DATE.search(cell))
 
 
 def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], list[int]]:
@@ -289,7 +253,7 @@ class _Format(NamedTuple):
     def header(self, path: Path, skipped: int) -> _Header:
         """Return the header of a file without one, whose columns are 1, 2, 3, ...."""
         names = [str(number) for number in range(1, self.cells + 1)]
-        return _Header(path, names, *self, skipped, has_names=False)
+        return _Header(path, names, self.delimiter, self.decimal, skipped, has_names=False)
 
 
 def _format_of(line: str) -> _Format | None:
@@ -330,8 +294,7 @@ def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool 
         names.insert(0 if _ROW_NAME.match(sample) else len(names), "unnamed")
     texts = [] if delimiter == "," else map(str.strip, sample.split(delimiter))
     decimal = "," if any(map(_DECIMAL_COMMA.fullmatch, texts)) else "."
-    named = _Header(path, names, delimiter, decimal, len(names), skipped)
-    return named if decimal == "," else _with_lists(named, cells)
+    return _Header(path, names, delimiter, decimal, skipped)
 
 
 def _row(path: Path, line: str, delimiter: str) -> list[str]:
@@ -352,31 +315,6 @@ def _delimiter(header: str, sample: str, is_comment: bool) -> str:
     return " " if is_comment or in_both else ","
 
 
-def _with_lists(header: _Header, cells: list[str]) -> _Header:
-    """Return a header with a column for each number of the lists in cells, if there are lists.
-
-    Columns of words, as the kind of a message is, are none then.
-    """
-    columns: list[str] = []
-    items: _Items = {}
-    for place, (name, cell) in enumerate(zip(header.names, cells, strict=False)):
-        if numbers := _list(cell):
-            columns += [f"{name}[{item}]" for item in range(len(numbers))]
-            items[place] = len(numbers)
-        elif _value(cell) is not None:
-            columns.append(name)
-            items[place] = None
-    return replace(header, names=columns, items=items) if any(items.values()) else header
-
-
-def _list(cell: str) -> list[str] | None:
-    """Return the numbers of a cell as [1, 2] or [1 2] as texts, None for another cell."""
-    text = cell.strip()
-    if not (text.startswith("[") and text.endswith("]")):
-        return None
-    return text[1:-1].replace(",", " ").split()
-
-
 def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -> Block:
     """Return the wanted columns of lines from line `first` on; {} if all are blank."""
     if not any(line.strip() for line in lines):
@@ -386,7 +324,7 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
     values: Array = np.empty((0, 0))
     # NumPy parses far faster than cell by cell, but its errors have no column and line: whatever it
     # refuses is parsed again below.
-    if not header.items and all(line.count(delimiter) == header.width - 1 for line in lines):
+    if all(line.count(delimiter) == len(header.names) - 1 for line in lines):
         with suppress(ValueError):
             values = np.loadtxt(
                 lines, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
@@ -399,45 +337,30 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
 def _parsed(header: _Header, lines: list[str], places: list[int], first: int) -> Array:
     """Return the numbers (T, k) of the cells at some places. Raises LogError, with the line."""
     numbered = enumerate(_cells(header.path, lines, header.delimiter), first)
-    rows = ((line, _texts(header, cells, line)) for line, cells in numbered if cells)
-    named = [(place, header.names[place]) for place in places]
-    return np.array(
-        [[_number(header.path, line, name, row[x]) for x, name in named] for line, row in rows]
-    )
+    rows = ((line, cells) for line, cells in numbered if cells)
+    return np.array([_numbers(header, cells, line, places) for line, cells in rows])
 
 
-def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
-    """Return the text of each column of a line, those of lists one by one."""
+def _numbers(header: _Header, cells: list[str], line: int, places: list[int]) -> list[float]:
+    """Return the numbers at some places of a line. Raises LogError for another number of cells."""
     _check_width(header, cells, line)
-    if not header.items:
-        return cells
-    texts: list[str] = []
-    for place, count in header.items.items():
-        numbers = [cells[place]] if count is None else _list(cells[place]) or []
-        if len(numbers) != (count or 1):
-            name = header.names[len(texts)].removesuffix("[0]")
-            raise LogError(
-                f"'{header.path}', line {line}: column '{shortened(name)}' has "
-                f"'{shortened(cells[place])}', and a list of {count} numbers before"
-            )
-        texts += numbers
-    return texts
+    return [_number(header.path, line, header.names[place], cells[place]) for place in places]
 
 
 def _check_width(header: _Header, cells: list[str], line: int) -> None:
     """Raise LogError for a line with another number of cells than the header."""
-    if len(cells) == header.width:
+    if len(cells) == len(header.names):
         return
     if any("\0" in cell for cell in cells):
         raise LogError(
             f"'{header.path}', line {line}: has zero bytes, as a file that was not written to its "
             "end: remove the line, and those behind it that are no samples"
         )
-    commas = header.delimiter == "," and len(cells) > header.width
+    commas = header.delimiter == "," and len(cells) > len(header.names)
     hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
     raise LogError(
         f"'{header.path}' is not a table: line {line} has {len(cells)} cells, the first line "
-        f"{header.width} {'column names' if header.has_names else 'numbers'}{hint * commas}"
+        f"{len(header.names)} {'column names' if header.has_names else 'numbers'}{hint * commas}"
     )
 
 

@@ -5,15 +5,12 @@ HEBI's library aborts the process on some damaged files, so it runs in a child p
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from seaid.errors import LogError
 from seaid.log.readers.child_process import read_in_child
 from seaid.log.readers.table import Block, Table, check_installed
 
@@ -26,25 +23,14 @@ _FIELDS = (
 _CLOCKS = {"time": "receive_time_us", "transmit_time": "hardware_transmit_time_us"}
 """Time columns [s]: arrival at the computer, and the clock of the module, both from zero on."""
 
-_MAGIC = b"\x73\xb1\x00"
-_SAMPLE, _MODULES, _START = 1, 2, 4
-_LENGTHS = {_SAMPLE: (8, 24, 1), _MODULES: (0, 8, 8), _START: (0, 12, 0)}
-"""{kind of record: bytes between kind and a number, and a, b of the record's length a + b number}.
-
-A sample: address (8 bytes), length of the message (4), time (8), message. Modules: their number
-(4), an address each (8). A start: a number (8).
-"""
-_RECORD = re.compile(re.escape(_MAGIC) + b"[" + bytes(_LENGTHS) + b"]")
-
 
 def open_hebilog(path: Path) -> Table:
     """Return the columns of a HEBI log: HEBI's field and module, as "motor_position[0]".
 
     `time[k]` is the arrival of the sample of module k, `transmit_time[k]` the clock of the module
-    [s]. Raises LogError for an invalid or truncated file, and if hebi-py is not installed.
+    [s]. Raises LogError for an invalid file, and if hebi-py is not installed.
     """
     check_installed("hebi", "hebi", path)
-    _check_end(path)
     modules, fields = read_in_child(read_fields, path, "a HEBI log", 2e5)
     kinds = (*_CLOCKS, *_FIELDS)
     places = {f"{kind}[{k}]": (kind, k) for k in range(modules) for kind in kinds}
@@ -98,33 +84,3 @@ def _column(fields: Any, kind: str, module: int) -> Any:
     # clock of its own, whose zero means nothing.
     first = values[0].min() if kind == "time" else values[0, module]
     return (values[:, module] - first) * 1e-6
-
-
-def _check_end(path: Path) -> None:
-    """Check that no record of a log reaches beyond the end of the file; HEBI's reader does not.
-
-    The format is not published: like HEBI's reader, this skips bytes that are no known record.
-    """
-    size, place = path.stat().st_size, 0
-    if not size:
-        return
-    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-        while (record := _RECORD.search(data, place)) is not None:
-            skipped, fixed, each = _LENGTHS[record[0][-1]]
-            head = data[record.end() : record.end() + skipped + 4]
-            number = int.from_bytes(head[skipped:]) if len(head) == skipped + 4 else 0
-            # Not record.end(): the length counts from the magic number on.
-            place = record.start() + fixed + each * number
-            if place > size:
-                raise _cut_off(path, record.start(), place, size)
-        # A beginning of the magic number at the end: the next record was cut within its first
-        # bytes.
-        if place < size and _MAGIC.startswith(data[place:]):
-            raise _cut_off(path, place, place + len(_MAGIC) + 1, size)
-
-
-def _cut_off(path: Path, start: int, end: int, size: int) -> LogError:
-    return LogError(
-        f"'{path}' is cut off: its last record, at byte {start}, should end at byte {end}, the "
-        f"file has {size} bytes; copy it again from its origin"
-    )

@@ -23,12 +23,16 @@ from seaid.log.readers.table import (
     check_columns,
     check_memory,
     damaged,
-    has_samples_in_columns,
     table_of_arrays,
 )
 
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Compressions that NumPy writes; readers of others use unlimited memory."""
+
+
+_FEWEST_SAMPLES, _LONGER = 1000, 4
+"""A matrix with so many columns, and so many times more than it has rows, has its samples in
+columns: shorter logs of so many channels without names are not known."""
 
 
 def open_npz(path: Path) -> Table:
@@ -85,7 +89,8 @@ class _Stored:
             self.shape, by_columns, self.dtype = reader(file)
         if any(length < 0 for length in self.shape):
             raise ValueError(f"its shape is {self.shape}")
-        if has_samples_in_columns(self.shape):
+        is_matrix = len(self.shape) == 2
+        if is_matrix and self.shape[1] >= max(_FEWEST_SAMPLES, _LONGER * self.shape[0]):
             # The transpose of a matrix in C order is one in Fortran order: no number moves.
             self.shape, by_columns = self.shape[::-1], not by_columns
         self._is_whole = by_columns

@@ -338,16 +338,6 @@ def check_lengths(path: Path, lengths: Mapping[str, int]) -> None:
         raise LogError(f"'{path}': columns have different lengths: {text}")
 
 
-FEWEST_SAMPLES, _LONGER = 1000, 4
-"""A matrix of numbers with so many columns, and so many times more than it has rows, has its
-samples in columns: shorter logs of so many channels without names are not known."""
-
-
-def has_samples_in_columns(shape: Sequence[int]) -> bool:
-    """Return whether the rows of a matrix without names are channels, not samples."""
-    return len(shape) == 2 and shape[1] >= max(FEWEST_SAMPLES, _LONGER * shape[0])
-
-
 def optional(module: str, extra: str, path: Path) -> Any:
     """Import an optional package. Raises LogError naming the extra that installs it."""
     check_installed(module, extra, path)

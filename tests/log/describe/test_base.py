@@ -197,7 +197,7 @@ LAYOUTS: dict[str, Callable[[], Layout]] = {
     },
     **{
         name: partial(in_arrays, "base", "xyzw", name)
-        for name in (".npy", ".dat", "turned.dat", "turned.npz", "walk.csv")
+        for name in (".npy", ".dat", "turned.npz", "walk.csv")
     },
     "topics": partial(
         with_headers, *ODOMETRY, "/imu/angular_velocity.", "/imu/linear_acceleration."
