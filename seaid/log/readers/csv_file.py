@@ -9,7 +9,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice, takewhile, zip_longest
 from pathlib import Path
@@ -62,19 +62,26 @@ _WORDS = {
 NO_HEADER = "the first line is numbers: no header?"
 
 
+_Items = dict[int, int | None]
+
+
 @dataclass(frozen=True)
 class _Header:
     """The names of the columns of a file, and its format; `skipped` lines are before the samples.
 
-    `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ....
+    `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ... `width` is
+    the number of cells in a line; `items` are the cells of the columns and, of a cell that has a
+    list, how many numbers, if any has one.
     """
 
     path: Path
     names: list[str]
     delimiter: str
     decimal: str
+    width: int
     skipped: int
     has_names: bool = True
+    items: _Items = field(default_factory=dict)
 
     def places_of(self, wanted: list[str]) -> list[int]:
         """Return the places of columns. Raises LogError for a duplicate name."""
@@ -191,14 +198,15 @@ def _units(path: Path, line: str, header: _Header) -> list[str]:
     """Return the units in a line below the names, without brackets; [] for a line of samples."""
     cells = _row(path, header.cleaned([line])[0], header.delimiter)
     filled = [cell.strip() for cell in cells if cell.strip()]
-    if not filled or len(cells) != len(header.names) or any(map(_is_sample, filled)):
+    if not filled or len(cells) != header.width or any(map(_is_sample, filled)):
         return []
     return [cell.strip("()[] ") for cell in cells]
 
 
 def _is_sample(cell: str) -> bool:
-    """Return whether a cell is a number, a date, or a word for a number."""
-    return _value(cell) is not None or bool(_DATE.search(cell))
+    """Return whether a cell is a number, a list of numbers, a date, or a word for a number."""
+    numbers = map(_value, _list(cell) or [cell])
+    return None not in numbers or bool(_DATE.search(cell))
 
 
 def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], list[int]]:
@@ -253,7 +261,7 @@ class _Format(NamedTuple):
     def header(self, path: Path, skipped: int) -> _Header:
         """Return the header of a file without one, whose columns are 1, 2, 3, ...."""
         names = [str(number) for number in range(1, self.cells + 1)]
-        return _Header(path, names, self.delimiter, self.decimal, skipped, has_names=False)
+        return _Header(path, names, *self, skipped, has_names=False)
 
 
 def _format_of(line: str) -> _Format | None:
@@ -294,7 +302,8 @@ def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool 
         names.insert(0 if _ROW_NAME.match(sample) else len(names), "unnamed")
     texts = [] if delimiter == "," else map(str.strip, sample.split(delimiter))
     decimal = "," if any(map(_DECIMAL_COMMA.fullmatch, texts)) else "."
-    return _Header(path, names, delimiter, decimal, skipped)
+    named = _Header(path, names, delimiter, decimal, len(names), skipped)
+    return named if decimal == "," else _with_lists(named, cells)
 
 
 def _row(path: Path, line: str, delimiter: str) -> list[str]:
@@ -315,6 +324,31 @@ def _delimiter(header: str, sample: str, is_comment: bool) -> str:
     return " " if is_comment or in_both else ","
 
 
+def _with_lists(header: _Header, cells: list[str]) -> _Header:
+    """Return a header with a column for each number of the lists in cells, if there are lists.
+
+    Columns of words, as the kind of a message is, are none then.
+    """
+    columns: list[str] = []
+    items: _Items = {}
+    for place, (name, cell) in enumerate(zip(header.names, cells, strict=False)):
+        if numbers := _list(cell):
+            columns += [f"{name}[{item}]" for item in range(len(numbers))]
+            items[place] = len(numbers)
+        elif _value(cell) is not None:
+            columns.append(name)
+            items[place] = None
+    return replace(header, names=columns, items=items) if any(items.values()) else header
+
+
+def _list(cell: str) -> list[str] | None:
+    """Return the numbers of a cell as [1, 2] or [1 2] as texts, None for another cell."""
+    text = cell.strip()
+    if not (text.startswith("[") and text.endswith("]")):
+        return None
+    return text[1:-1].replace(",", " ").split()
+
+
 def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -> Block:
     """Return the wanted columns of lines from line `first` on; {} if all are blank."""
     if not any(line.strip() for line in lines):
@@ -324,7 +358,7 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
     values: Array = np.empty((0, 0))
     # NumPy parses far faster than cell by cell, but its errors have no column and line: whatever it
     # refuses is parsed again below.
-    if all(line.count(delimiter) == len(header.names) - 1 for line in lines):
+    if not header.items and all(line.count(delimiter) == header.width - 1 for line in lines):
         with suppress(ValueError):
             values = np.loadtxt(
                 lines, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
@@ -337,30 +371,45 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
 def _parsed(header: _Header, lines: list[str], places: list[int], first: int) -> Array:
     """Return the numbers (T, k) of the cells at some places. Raises LogError, with the line."""
     numbered = enumerate(_cells(header.path, lines, header.delimiter), first)
-    rows = ((line, cells) for line, cells in numbered if cells)
-    return np.array([_numbers(header, cells, line, places) for line, cells in rows])
+    rows = ((line, _texts(header, cells, line)) for line, cells in numbered if cells)
+    named = [(place, header.names[place]) for place in places]
+    return np.array(
+        [[_number(header.path, line, name, row[x]) for x, name in named] for line, row in rows]
+    )
 
 
-def _numbers(header: _Header, cells: list[str], line: int, places: list[int]) -> list[float]:
-    """Return the numbers at some places of a line. Raises LogError for another number of cells."""
+def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
+    """Return the text of each column of a line, those of lists one by one."""
     _check_width(header, cells, line)
-    return [_number(header.path, line, header.names[place], cells[place]) for place in places]
+    if not header.items:
+        return cells
+    texts: list[str] = []
+    for place, count in header.items.items():
+        numbers = [cells[place]] if count is None else _list(cells[place]) or []
+        if len(numbers) != (count or 1):
+            name = header.names[len(texts)].removesuffix("[0]")
+            raise LogError(
+                f"'{header.path}', line {line}: column '{shortened(name)}' has "
+                f"'{shortened(cells[place])}', and a list of {count} numbers before"
+            )
+        texts += numbers
+    return texts
 
 
 def _check_width(header: _Header, cells: list[str], line: int) -> None:
     """Raise LogError for a line with another number of cells than the header."""
-    if len(cells) == len(header.names):
+    if len(cells) == header.width:
         return
     if any("\0" in cell for cell in cells):
         raise LogError(
             f"'{header.path}', line {line}: has zero bytes, as a file that was not written to its "
             "end: remove the line, and those behind it that are no samples"
         )
-    commas = header.delimiter == "," and len(cells) > len(header.names)
+    commas = header.delimiter == "," and len(cells) > header.width
     hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
     raise LogError(
         f"'{header.path}' is not a table: line {line} has {len(cells)} cells, the first line "
-        f"{len(header.names)} {'column names' if header.has_names else 'numbers'}{hint * commas}"
+        f"{header.width} {'column names' if header.has_names else 'numbers'}{hint * commas}"
     )
 
 

@@ -55,6 +55,9 @@ def text_of(delimiter: str, decimal: str = ".", head: str = "") -> str:
         (b"a,b\n2024-05-01 12:00:00,2\n", "is not a number; write the time as seconds"),
         (b"a,b\n1,2\n\nlost,3\n", "line 4: column 'a' has 'lost', which is not a number: empty it"),
         (b'a,b\n1,2\n"2,5",3\n', "is not a number; write a decimal point"),
+        (b'a\n"[1, 2, 3]"\n"[1, 2]"\n', "line 3: column 'a' has '[1, 2]', and a list of 3 numb"),
+        (b't,a\n1,"[1, 2, 3]"\n2,5\n', "line 3: column 'a' has '5', and a list of 3 numbers bef"),
+        (b't,a\n1,"[1, 2, 3]"\n2,"[1, x, 2]"\n', "column 'a[1]' has 'x', which is not a number"),
     ],
 )  # fmt: skip
 def test_what_is_no_table_is_named_with_its_place(
@@ -63,7 +66,7 @@ def test_what_is_no_table_is_named_with_its_place(
     """Whatever is no table of numbers is refused with its line and column."""
     path = tmp_path / "log.csv"
     path.write_bytes(content)
-    text = error_of(path, "1" if content[:1] == b"1" else "a")
+    text = error_of(path, "1" if content[:1] == b"1" else "a[1]" if b"[1, " in content else "a")
     assert text.startswith(f"'{path}'")
     assert words in text
 
@@ -125,6 +128,17 @@ CELLS: tuple[tuple[str, dict[str, list[float | None]]], ...] = (
     ("t,q\n0,1,7\n0.1,2,8\n", {"t": [0.0, 0.1], "q": [1.0, 2.0], "unnamed": [7.0, 8.0]}),
     ('t,q\n"1",0,1\n"2",0.1,2\n', {"t": [0.0, 0.1], "q": [1.0, 2.0], "unnamed": [1.0, 2.0]}),
     ("t,q\n[s],[rad]\n0,1,7\n", {"t [s]": [0.0], "q [rad]": [1.0], "unnamed": [7.0]}),
+    (
+        't,positions,"raw [V]"\n0.5,"[0.25, -1e-3, 3]",[7 8]\n1.0,"[0.5, nan, 4]",[9 10]\n',
+        {
+            "t": [0.5, 1.0],
+            "positions[0]": [0.25, 0.5],
+            "positions[1]": [-1e-3, None],
+            "positions[2]": [3.0, 4.0],
+            "raw [V][0]": [7.0, 9.0],
+            "raw [V][1]": [8.0, 10.0],
+        },
+    ),
 )
 
 
@@ -132,7 +146,7 @@ CELLS: tuple[tuple[str, dict[str, list[float | None]]], ...] = (
 def test_cells_of_any_kind_are_numbers(
     tmp_path: Path, content: str, columns: dict[str, list[float | None]]
 ) -> None:
-    """Missing numbers, truths, and cells more than names, as R writes them, are read."""
+    """Missing numbers, truths, lists, and cells more than names, as R writes them, are read."""
     path = save(tmp_path / "log.csv", content)
     assert loaded(path, columns) == columns
     assert {*open_table(path).names} >= columns.keys()
@@ -142,7 +156,7 @@ def test_cells_of_any_kind_are_numbers(
 def test_a_line_of_truths_dates_or_nothing_is_none_of_units(tmp_path: Path) -> None:
     """What stands below the names is a line of units only where it may be one."""
     path = tmp_path / "log.csv"
-    for line in ("true,False", "NaN,", ",", "12:00:01,x", "left"):
+    for line in ("true,False", "NaN,", ",", "12:00:01,x", '"[1, 2]",x', "left"):
         path.write_text(f"a,b\n{line}\n1,2\n")
         assert not any("[true]" in name or "[x]" in name for name in open_table(path).names)
 
