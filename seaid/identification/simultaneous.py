@@ -401,18 +401,12 @@ def _estimated(
     of_joints = whole.by_owner()
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
     both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
-
-    def refit(rows: Rows, errors: Array) -> FittedRows:
-        assert isinstance(rows, Regression)
-        last = rows.propagated[:, rows.propagated.shape[1] - len(errors) :]
-        rows = replace(rows, propagated=last)
-        return _estimated(condition, start, estimator, regress, whole.values, rows, errors).fit
-
     optional = [
         name
         for name in whole.names
         if name not in model.expressions and name.quantity not in _SPRING
     ]
+    refit = partial(_refitted, condition, start, estimator, regress, whole.values)
     return RobotEstimate(
         model=model,
         drives=drives,
@@ -425,6 +419,22 @@ def _estimated(
         whole=whole,
         regress=regress,
     )
+
+
+def _refitted(
+    condition: Condition,
+    start: RobotEstimate,
+    estimator: Estimator,
+    regress: Callable[[Robot, Motion], Regression],
+    values: Array,
+    rows: Rows,
+    errors: Array,
+) -> FittedRows:
+    """Return the fit near values (p,) with the errors (k, k) that the last columns propagate."""
+    assert isinstance(rows, Regression)
+    last = rows.propagated[:, rows.propagated.shape[1] - len(errors) :]
+    rows = replace(rows, propagated=last)
+    return _estimated(condition, start, estimator, regress, values, rows, errors).fit
 
 
 def _values(rows: Regression, start: RobotEstimate) -> Array:
