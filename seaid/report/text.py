@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from seaid.frequency import FrequencyResponse
     from seaid.identification import (
         Conditions,
-        CutoffSensitivity,
         FeasibleParameters,
         Identification,
         SetupCheck,
@@ -435,26 +434,6 @@ def measure_lines(names: Sequence[str], every: Sequence[ExcitationMeasures]) -> 
 
 _LONGEST = 40
 """Letters of the name of a parameter in a table with a column for each cutoff."""
-
-
-def sensitivity_table(result: CutoffSensitivity) -> str:
-    """Return each estimate by cutoff (selected one in brackets), and its largest change."""
-    marked = [
-        f"[{cutoff:.3g} Hz]" if place == result.proposed else f"{cutoff:.3g} Hz"
-        for place, cutoff in enumerate(result.cutoffs_hz)
-    ]
-    selected = result.standard_errors[result.proposed]
-    rows = [
-        (cut(name, _LONGEST), *values, error, f"{move:.1f} s.e.", unit)
-        for name, values, error, move, unit in zip(
-            result.names, result.values.T, selected, result.moves, result.units, strict=True
-        )
-    ]
-    of_cutoffs = {"parameter": "words", **dict.fromkeys(marked, "number")}
-    columns = {**of_cutoffs, "std. error": "two digits", "change": "figure", "unit": "unit"}
-    title = "Estimates over the cutoff; change: largest between half and twice the selected one"
-    refused = (f"! {cutoff:.3g} Hz: {why}" for cutoff, why in result.refused.items())
-    return "\n".join([_listed(title, columns, rows), *refused])
 
 
 def group_name(group: str) -> str:
