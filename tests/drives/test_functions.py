@@ -27,7 +27,6 @@ from seaid.drives.functions import drive_functions, smooth_columns
 from seaid.drives.regressor import drive_regressor
 from seaid.identification import Identification, identify
 from seaid.log import Motion
-from seaid.regressor import identifiability
 from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
@@ -197,11 +196,6 @@ def test_an_unknown_amplitude_counts_as_zero() -> None:
     drive = replace(truth().drives["wrist"], known=(known,)).without_nominal()
     assert (drive.values[known], drive.values[unknown]) == (1e-3, 0.0)
     assert unknown not in drive.own_values
-
-
-def test_identifiability_does_not_depend_on_harmonics() -> None:
-    """Amplitudes are no unknowns of the count."""
-    assert identifiability(truth()).summary() == identifiability(arm()).summary()
 
 
 @pytest.mark.slow  # a simulation of an arm and its identification

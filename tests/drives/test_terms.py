@@ -17,7 +17,6 @@ from seaid.drives import (
     StiffDrive,
     equations,
     friction_curve,
-    is_dry,
     motor_equation,
     readable,
     spring_equation,
@@ -166,12 +165,6 @@ def test_with_the_bent_parameters_given_the_rest_is_the_same_equation() -> None:
     zeta_part, R_part = regressor.given(s, {name: VALUES[name] for name in regressor.non_linear})
     error = zeta - R @ [VALUES[name] for name in regressor.names]
     np.testing.assert_allclose(error, zeta_part - R_part @ [VALUES[n] for n in regressor.linear])
-
-
-@pytest.mark.parametrize("term", PARAMETERS_OF["friction"])
-def test_dry_terms_are_those_that_act_against_the_motion(term: str) -> None:
-    drive = replace(STIFF, friction=(term,))
-    assert is_dry(drive) == (equations.dry_friction(drive) != 0)
 
 
 # Every term against its formula in the documents, written out again

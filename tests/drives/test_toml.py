@@ -118,21 +118,6 @@ def test_values_are_read_under_keys_with_units() -> None:
     assert len({terms.key_of(name, unit_of(drive, name)) for name in PARAMETERS}) == len(PARAMETERS)
 
 
-def test_file_that_is_no_toml_is_named(tmp_path: Path) -> None:
-    """A missing file, a folder, and text that is no TOML or no text."""
-    path = tmp_path / "no.toml"
-    with pytest.raises(RobotError, match=r"cannot read drives '.*no\.toml': No such file"):
-        read_drives(path)
-    with pytest.raises(RobotError, match=r"cannot read drives '.*': Is a directory"):
-        read_drives(tmp_path)
-    path.write_text("[knee\n")
-    with pytest.raises(RobotError, match=r"no\.toml' is not valid TOML: .*line 1"):
-        read_drives(path)
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(RobotError, match=r"no\.toml' is not valid TOML: 'utf-8' codec"):
-        read_drives(path)
-
-
 # One table of refused files
 
 ELASTIC = '[knee]\ntype = "series_elastic"\ngear_ratio = 100.0\n'

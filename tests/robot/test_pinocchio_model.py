@@ -25,7 +25,6 @@ from seaid.simulation.plant import inertia, inverse_dynamics, plant_of
 from tests.experiments import drive_errors, drive_scores, wiggle
 from tests.one_joint import BODY
 from tests.plants import states, torque_slopes_by_steps, tree, write_columns, write_robot
-from tests.regressor.stances import check_floating
 from tests.view.test_picture import frames_by_pinocchio, link_placements
 
 Write = Callable[[str], Path]
@@ -330,14 +329,6 @@ def test_followers_behind_joints_of_each_other_have_exact_base_parameters(
     for follower, leader in leaders.items():
         joints[follower] += f'<mimic joint="{leader}" multiplier="-2"/>'
     check_same_base(seaid.load_robot(write_chain(joints)))
-
-
-def test_a_floating_base_has_the_rows_of_pinocchios_free_flyer(write_urdf: Write) -> None:
-    """The exact grouping maps the base columns to all columns of an independent regressor."""
-    base = f'<link name="base">{_body(3, "0 0 0")}</link>'
-    path = write_urdf(gripper_text().replace('<link name="base"></link>', base))
-    exact = seaid.symbolic.base_parameters(seaid.load_robot(path), floating_base=True)
-    check_floating(exact, seaid.load_robot(path, base="floating"))
 
 
 # Joints that stand still elsewhere than at zero: the robot is that of the whole model there

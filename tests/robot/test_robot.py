@@ -170,14 +170,6 @@ def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
         load_robot(write_chain({"weld": "fixed"}))
 
 
-def test_joint_without_drive_has_its_torque_known_at_the_joint(tulip_urdf: Path) -> None:
-    robot = load_robot(tulip_urdf, {"knee_pitch": {"type": "stiff", "gear_ratio": 50}})
-    assert robot.drives["knee_pitch"].ratio == 50
-    hip = robot.drives["hip_pitch"]
-    assert hip == StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
-    assert robot.elastic_joints == ()
-
-
 def test_robot_is_read_only(tulip_leg: Robot) -> None:
     """Its arrays, its drives and its fields."""
     with pytest.raises(ValueError, match="read-only"):

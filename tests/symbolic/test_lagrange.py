@@ -16,15 +16,6 @@ m, inertia, g, r, k, F_v, w, force = sp.symbols("m inertia g r k F_v w force")
 KINETIC = (inertia + m * r**2) * q.diff(t) ** 2 / 2
 
 
-def test_pendulum_as_in_the_textbook() -> None:
-    """With gravity, with a force that depends on the motion, and with a dissipation."""
-    (equation,) = equations_of_motion(
-        KINETIC + m * g * r * sp.cos(q), q, force - k * q**3, dissipation=F_v * q.diff(t) ** 2 / 2
-    )
-    expected = (inertia + m * r**2) * q.diff(t, 2) + m * g * r * sp.sin(q)
-    assert sp.expand(equation - expected - F_v * q.diff(t) - k * q**3 + force) == 0
-
-
 FUNCTIONS = [
     sp.sin(q + 2 * p),
     sp.cos(q - p) * p,

@@ -317,14 +317,6 @@ def test_sums_below_are_cleared_only_where_a_known_term_remains(
         assert reduce(form).ratios == ()
 
 
-@pytest.mark.parametrize("container", [list, tuple, sp.Matrix, sp.ImmutableMatrix, sp.Tuple])
-def test_equations_come_in_any_container(container: Callable[..., object]) -> None:
-    given = (MOTOR, LOAD) if container is sp.Tuple else [MOTOR, LOAD]
-    equations = container(*given) if container is sp.Tuple else container(given)
-    unknowns = [F_v, F_C, k, J, m, r]
-    assert same(separate(equations, SIGNALS, unknowns), separate([MOTOR, LOAD], SIGNALS, unknowns))
-
-
 REFUSED = [
     (F_v * x + sp.sqrt(m) * a, [x, a], [F_v, m], ["equation 1", "a*sqrt(m)", "unknown m", "known"]),
     (m * sp.sin(k * x) - a, [x, a], [m, k], ["m*sin(k*x)", "unknown k is inside sin(k*x)"]),
