@@ -87,7 +87,7 @@ def test_stiffness_is_that_of_the_spring_if_the_gear_is_known() -> None:
     for name in ("viscous_friction", "spring_offset"):
         assert geared.value(name) == pytest.approx(plain.value(name))
     identified: Any = found(True).robot.drives["shoulder"]
-    assert identified.stiffness == pytest.approx(own)
+    assert identified.own_values["stiffness"] == pytest.approx(own)
     assert identified.values["stiffness"] == pytest.approx(between)
 
 

@@ -39,7 +39,7 @@ def test_found_robot_has_the_found_values() -> None:
     robot = found().robot
     assert found().base.project(robot.parameters) == pytest.approx(found().load.values, abs=1e-9)
     for joint in ELASTIC:
-        stiffness = robot.drives[joint].stiffness  # type: ignore[union-attr]
+        stiffness = robot.drives[joint].own_values["stiffness"]
         assert stiffness == found().drives[joint].value("stiffness")
     friction = robot.drives["hip_yaw"].viscous_friction_Nms_per_rad
     assert friction == found().drives["hip_yaw"].value("viscous_friction")
