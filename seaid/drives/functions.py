@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicSpline
 
 from seaid._arrays import Array, FrozenMapping
 from seaid.drives.drives import Drive, StiffDrive, check_divisors, is_dry, total_ratio, unit_of
@@ -343,7 +343,7 @@ class SpringInverse:
     """The deflection of an undamped spring, from its zero, as a smooth function of its force."""
 
     preload: float
-    by_pull: PchipInterpolator
+    by_pull: CubicSpline
 
     def stretch(self, force: Array) -> tuple[Array, Array]:
         """Return the deflection under a force (any shape), and its slope."""
@@ -371,7 +371,7 @@ def spring_inverse(drive: Drive) -> SpringInverse:
     pull = np.cumsum(steps)
     # Without its preload the force is an odd function of the deflection.
     both = (np.concatenate([-half[::-1], [0.0], half]) for half in (pull, x[1:]))
-    return SpringInverse(float(curve[0]), PchipInterpolator(*both))
+    return SpringInverse(float(curve[0]), CubicSpline(*both))
 
 
 def friction_curve(joint: str, drive: Drive) -> SmoothColumns:
