@@ -149,6 +149,19 @@ def test_torques_that_no_model_explains_are_named(verdict: str) -> None:
         assert "a spring, the gear ratio or the rotor inertia" in finding.remedy
 
 
+@pytest.mark.slow  # an identification of the leg and its checks
+def test_a_load_as_small_as_its_noise_is_a_note() -> None:
+    """In this motion the ankle carries less than the noise of its encoder times its stiffness."""
+    robot = leg(TEST_MASS)
+    log = measure(robot, leg_motion(TEST_MASS, seed=101), LEG_SENSORS, 6)
+    found = seaid.identify(robot.without_nominal(), log)
+    fit = found.joint_fits["ankle_pitch"]
+    assert min(fit.own, fit.blocks) > 0.9 > 20 * max(fit.motor, fit.identified)
+    (finding,) = [warning for warning in found.warnings if warning.code == "no-fit"]
+    assert (finding.joint, finding.severity) == ("ankle_pitch", "note")
+    assert found.verdict.level == "good"
+
+
 def half_a_wave(log: Log) -> Array:
     """Return pushes on the first joint for 0.6 s, of half of its largest change of torque."""
     touched = (log.time > 2.0) & (log.time < 2.6)
