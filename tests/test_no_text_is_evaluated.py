@@ -31,7 +31,6 @@ NEVER = {
 LAMBDIFY = {
     "drives/functions.py",
     "drives/regressor.py",
-    "drives/equations.py",
     "regressor/random_instants.py",
     "symbolic/independence.py",
 }
