@@ -328,10 +328,18 @@ class Experiment:
         """The regressor (R, n, 10n) of the rigid bodies."""
         return regressor_at_drives(self.robot, *self.joint)
 
-    @derived("motor", "direction")
+    @derived("robot", "joint", "motor", "direction")
     def friction(self) -> Array:
-        """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant."""
-        ones = np.ones_like(self.direction)
+        """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant.
+
+        The constant of a joint that slides along gravity is zero: it would be the weight of bodies.
+        """
+        ones, robot = np.ones_like(self.direction), self.robot
+        if robot.base_is_held and any(robot.is_prismatic):
+            # The column of its own mass is the acceleration along the joint, less gravity.
+            weights = np.mean(np.diagonal(self.regressor[..., ::10], axis1=1, axis2=2), axis=0)
+            is_upright = np.abs(weights) > tol.POOR * np.linalg.norm(robot.model.gravity.linear)
+            ones = ones * ~(np.array(robot.is_prismatic) & is_upright)
         # The speed over its largest value, from -1 to 1: as large as the sign, and without a unit.
         scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)

@@ -146,8 +146,8 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
     ratio, error = experiment.encoder_ratios.get(j, (math.nan, math.inf))
     size, given = abs(ratio), float(experiment.ratio[j])  # an encoder may have the opposite sign
     if abs(slope - 1) >= tol.SLIGHT:
-        # the deflection of a spring is a slight part of the slope, and apart in the motor equation
-        is_known = error < tol.FEW * size and abs(size / (slope * given) - 1) < tol.SLIGHT
+        # the deflection of a spring is a part of the slope, and apart in the motor equation
+        is_known = error < tol.FEW * size and 1 / tol.TWICE < size / (slope * given) < tol.TWICE
         return size / given if is_known else slope if 1e-6 < slope < 1e6 else None
     return size / given if abs(size - given) > tol.SIGNIFICANT * error else None
 
@@ -419,7 +419,11 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         other = drive.angle_ratio, drive.parallel_spring, drive.joint_friction, drive.transmission
         if any(other) or robot.is_prismatic[j] or np.ptp(q) < tol.POOR:
             continue
-        x = _varied(q, experiment.apart[:, j], experiment.deflection(j))
+        deflection = experiment.deflection(j)
+        if deflection.size and not experiment.inertia[j]:
+            # That by (7) rests on the constant ratio: it is determined together with the other.
+            deflection = np.column_stack([experiment.motor[2][:, j], deflection])
+        x = _varied(q, experiment.apart[:, j], deflection)
         # The ratio over N is the derivative of q + e q + c cos q + s sin q.
         factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
         low, high = float(np.min(factor)), float(np.max(factor))

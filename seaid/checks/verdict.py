@@ -365,14 +365,14 @@ def _whole(rows: Regression, computed: Array, joints: Collection[str]) -> float:
 def _load_sizes(experiment: Experiment, bodies: Array) -> Errors:
     """Return {equation: rms of a torque without its mean} that is not in the y of the rows, (8).
 
-    That is the torque of all bodies if some are known, and with measured wrenches that of the
-    joint, of which they leave little.
+    That is the torque of all bodies, of which known ones and payloads are not in y, and with
+    measured wrenches that of the joint, of which they leave little.
     """
     robot, target = experiment.robot, experiment.target
     if experiment.has_wrenches:
         logged = np.flatnonzero(np.all(np.isfinite(target), axis=0)).tolist()
         return {j: float(np.std(target[:, j])) for j in logged}
-    if not robot.base_is_held or not robot.known_bodies or not np.all(np.isfinite(bodies)):
+    if not robot.base_is_held or not np.all(np.isfinite(bodies)):
         return {}
     return dict(enumerate(np.std(experiment.regressor @ bodies, axis=0).tolist()))
 

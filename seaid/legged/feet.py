@@ -411,7 +411,8 @@ def best_order(feet: FeetInMotion) -> LegOrder | None:
     unless one is clearly better than that of the log and than all others.
     """
     links, standing = feet.links, feet.flags.sum(axis=1)
-    used = np.flatnonzero(feet.base.used & (standing >= 2))
+    # A biped that walks has one foot on the ground at a time.
+    used = np.flatnonzero(feet.base.used & (standing >= min(2, len(links) - 1)))
     if len(used) < JUDGED_PARTS:
         return None
     differing = used[standing[used] < len(links)]  # all flags are equal while all feet stand

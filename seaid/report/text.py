@@ -516,7 +516,7 @@ def conditions_table(together: Conditions) -> str:
     every = [ParameterName(x, joint) for joint, drive in first.drives.items() for x in drive.names]
     shared = [
         (name, _condition_value(first, name))
-        for name in (*every, *first.load_side.names)
+        for name in dict.fromkeys((*every, *first.load_side.names))
         if name not in together.differences
     ]
     title = f"{len(named)} conditions: {{}} parameters (value +- standard error)"
