@@ -328,18 +328,10 @@ class Experiment:
         """The regressor (R, n, 10n) of the rigid bodies."""
         return regressor_at_drives(self.robot, *self.joint)
 
-    @derived("robot", "joint", "motor", "direction")
+    @derived("motor", "direction")
     def friction(self) -> Array:
-        """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant.
-
-        The constant of a joint that slides along gravity is zero: it would be the weight of bodies.
-        """
-        ones, robot = np.ones_like(self.direction), self.robot
-        if robot.base_is_held and any(robot.is_prismatic):
-            # The column of its own mass is the acceleration along the joint, less gravity.
-            weights = np.mean(np.diagonal(self.regressor[..., ::10], axis1=1, axis2=2), axis=0)
-            is_upright = np.abs(weights) > tol.POOR * np.linalg.norm(robot.model.gravity.linear)
-            ones = ones * ~(np.array(robot.is_prismatic) & is_upright)
+        """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant."""
+        ones = np.ones_like(self.direction)
         # The speed over its largest value, from -1 to 1: as large as the sign, and without a unit.
         scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
@@ -349,15 +341,22 @@ class Experiment:
         """Columns (n, R, k) of what acts on the load of each joint next to bodies: friction first.
 
         Springs that are declared parallel to a joint have any stiffness and preload; the constant
-        of friction is one of theirs. Columns of springs that do not act on a joint are zero, and so
-        is that of the rotor, which comes last, where its inertia is known.
+        of friction is one of theirs. That of a joint that slides along gravity is zero, since it
+        would be the weight of bodies. Columns of springs that do not act on a joint are zero, and
+        so is that of the rotor, which comes last, where its inertia is known.
         """
-        robot = self.robot
+        robot, friction = self.robot, self.friction
+        if robot.base_is_held and any(robot.is_prismatic):
+            # The column of its own mass is the acceleration along the joint, less gravity.
+            weights = np.mean(np.diagonal(self.regressor[..., ::10], axis1=1, axis2=2), axis=0)
+            is_upright = np.abs(weights) > tol.POOR * np.linalg.norm(robot.model.gravity.linear)
+            friction = friction.copy()
+            friction[np.array(robot.is_prismatic) & is_upright, :, 2] = 0.0
         # tau_phi = C^-T tau: a spring at joint i acts on drive j with (C^-T)_ji of its torque.
         at_drives = torques_at_drives(robot.transmission, np.eye(robot.n))[self.sprung]
         springs = at_drives.T[:, None] * self.joint[0][:, self.sprung]
         rotors = (self._has_open_rotor * self.motor[2]).T[..., None]
-        return np.concatenate([self.friction, springs, rotors], axis=2)
+        return np.concatenate([friction, springs, rotors], axis=2)
 
     @derived(*_SIGNALS)
     def _of_loads(self) -> qr_factor.ScaledSVD:
