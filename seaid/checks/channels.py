@@ -99,13 +99,11 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
             for channel, period in periods.items()
             if period is not None and channel.source is not None
         }
-        lines = _changed(changes)
-        if lines:
+        if lines := _changed(changes):
             first = next(iter(changes.values()))["wraps"]
             yield CODES["wraps"].wrong(
                 f"channels of {', '.join(lines)} in {name} jump by {first:.4g} at once, from one "
-                "end of their range to the other, and move on as before: an encoder that wraps "
-                "around, or a signed integer that was read as one without sign",
+                "end of their range to the other, and move on as before",
                 evidence={"period": first},
                 remedy=in_description(lines, name),
                 certainty="certain",
@@ -186,22 +184,18 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
         held = {x: count for x in channels if (count := held_over(log.time, x.values)) > 1}
         is_resampled = any(repair.kind == "irregular steps" for repair in log.report)
         if held:
-            yield _held_positions(held, name)
+            most, lines = max(held.values()), _changed({channel: {} for channel in held})
+            yield CODES["holes"].wrong(
+                f"encoders of {listed(lines)} have new values at every {most}th sample of {name}, "
+                "and hold them in between, as no position does: speeds are those of a staircase",
+                evidence={"samples per new value": float(most)},
+                remedy=f"{in_description(lines, name)}\n# which is repaired: what was held is "
+                "interpolated",
+                certainty="certain",
+                joints=tuple(lines),
+            )
         elif channels and np.ptp(steps) < tol.NEGLIGIBLE * np.median(steps) and not is_resampled:
             yield from _lost_of([channel.values for channel in channels], name)
-
-
-def _held_positions(held: Mapping[Channel, int], name: str) -> Finding:
-    """Return the finding of encoders that are slower than their log and hold their values."""
-    lines = _changed({channel: {} for channel in held})
-    return CODES["holes"].wrong(
-        f"encoders of {listed(lines)} have new values at every {max(held.values())}th sample of "
-        f"{name}, and hold them in between, as no position does: speeds are those of a staircase",
-        evidence={"samples per new value": float(max(held.values()))},
-        remedy=f"{in_description(lines, name)}\n# which is repaired: what was held is interpolated",
-        certainty="certain",
-        joints=tuple(lines),
-    )
 
 
 def _lost_of(positions: Sequence[Array], name: str) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from seaid.checks.codes import CODES, in_drives, only_joint
 from seaid.checks.tolerances import FAR, MOST, NOTHING, POOR, RARE, SLIGHT, SURE, TWICE
-from seaid.errors import Finding, Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
 
 # Other motions
@@ -61,34 +61,22 @@ def not_replayed(joint: str, reason: str) -> Finding:
     )
 
 
-def diverged_replay(title: str, inertias: Mapping[str, float]) -> Finding:
-    """Return that a model was replayed with other rotor `inertias`, since it had diverged."""
-    severity: Severity = "doubtful"
-    remedy = "check the gains, their units, and the sign and zero of each joint"
-    if title == "nominal":
-        line = "motor_inertia_kg_m2 = 1e-5  # write that of your motor"
-        severity, remedy = "note", f"nominal values {in_drives({(next(iter(inertias)),): line})}"
+def other_inertias(title: str, inertias: Mapping[str, float], reason: str = "") -> Finding:
+    """Return that a model was replayed with other rotor `inertias` at joints.
+
+    It is doubtful if an identified model diverged, and a note for another `reason`.
+    """
+    line = "motor_inertia_kg_m2 = 1e-5  # write that of your motor"
+    remedy = f"nominal values {in_drives({(next(iter(inertias)),): line})}"
     return CODES["rotor-inertia"].finding(
-        f"the {title} model has too little rotor inertia to be simulated under its controllers "
-        "(the simulation diverged): it was replayed with the least that can, at the joint "
-        f"[kg m^2 or kg]: {listed(f'{joint} {x:.2g}' for joint, x in inertias.items())}",
+        f"{reason or 'the simulation diverged under the controllers'}: the {title} model was "
+        "replayed with the least rotor inertia that can be simulated, at the joint [kg m^2 or kg]: "
+        f"{listed(f'{joint} {x:.2g}' for joint, x in inertias.items())}",
         only_joint([*inertias]),
-        severity,
+        "note" if reason or title == "nominal" else "doubtful",
         inertias,
-        remedy,
+        remedy if title == "nominal" else "check gains, their units, signs and zeros of the joints",
         "certain",
-    )
-
-
-def least_inertias(title: str, inertias: Mapping[str, float], least_s: float) -> Finding:
-    """Return the note that friction stops joints within a time [s] without other inertias."""
-    return CODES["rotor-inertia"].note(
-        f"the {title} model has so little inertia at "
-        f"{listed(f'{joint} {x:.2g}' for joint, x in inertias.items())} that viscous friction "
-        f"stops it within {1e3 * least_s:g} ms: it was replayed with these rotor inertias at the "
-        "joint [kg m^2 or kg]",
-        only_joint([*inertias]),
-        evidence=inertias,
     )
 
 

@@ -278,22 +278,17 @@ def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
     The same mistake of further joints, which nothing shows, is no rival of that of one.
     """
     best, transform = trials[0], trials[0].transform
+    code, joints = transform.code, transform.sources.keys()
     rivals = {
         _subject(trial.transform): trial
         # From the worst to the best: of each subject the best one stays in the dictionary.
         for trial in reversed(trials)
         if trial.total > best.total - tol.SURE**2 / 2
         and trial.transform.penalty <= transform.penalty + 1  # the simple one of two that agree
-        and not _is_part(transform, trial.transform)
+        and not (trial.transform.code == code and joints < trial.transform.sources.keys())
     }
     rivals.pop(_subject(transform))
     return list(rivals.values())
-
-
-def _is_part(transform: Transform, larger: Transform) -> bool:
-    """Return whether a transform of the same code changes these joints and others."""
-    joints, others = ({*(x.sources or {})} for x in (transform, larger))
-    return transform.code == larger.code and joints < others
 
 
 def _subject(transform: Transform) -> tuple[Code, str, int | None, bool, bool]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid._progress import Result, sampled_text
-from seaid.checks.predictions import diverged_replay, least_inertias, not_replayed, replay_worse
+from seaid.checks.predictions import not_replayed, other_inertias, replay_worse
 from seaid.drives import COMMANDS, IDEAL_DRIVE, PARAMETERS_OF, Drive
 from seaid.errors import Finding, LogError, RobotError, SeaidError, checked
 from seaid.log import Log, low_pass, select_cutoff
@@ -509,7 +509,7 @@ def _replayed(
     inertias = {
         joint: drives[joint].values["motor_inertia"] * ratio**2 for joint, ratio in ratios.items()
     }
-    notes.append(diverged_replay(title, inertias))
+    notes.append(other_inertias(title, inertias))
     return replayed
 
 
@@ -534,7 +534,8 @@ def _with_least_inertias(title: str, robot: Robot, notes: list[Finding]) -> Robo
             drives[joint] = drive.with_values({"motor_inertia": rotor_inertia})
             raised[joint] = rotor_inertia * drive.ratio**2
     if raised:
-        notes.append(least_inertias(title, raised, _LEAST_TIME_S))
+        reason = f"viscous friction stops joints within {1e3 * _LEAST_TIME_S:g} ms"
+        notes.append(other_inertias(title, raised, reason))
     return robot.with_drives(drives)
 
 
