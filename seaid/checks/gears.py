@@ -420,8 +420,8 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         if any(other) or robot.is_prismatic[j] or np.ptp(q) < tol.POOR:
             continue
         deflection = experiment.deflection(j)
-        if deflection.size and not experiment.inertia[j]:
-            # That by (7) rests on the constant ratio: it is determined together with the other.
+        if deflection.size:
+            # What (7) with the constant ratio explains by the rotor is determined anew.
             deflection = np.column_stack([experiment.motor[2][:, j], deflection])
         x = _varied(q, experiment.apart[:, j], deflection)
         # The ratio over N is the derivative of q + e q + c cos q + s sin q.

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import re
+import tomllib
 import weakref
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, replace
@@ -13,6 +14,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import seaid
+from seaid._arrays import Array
 from seaid.checks.bodies import file_findings
 from seaid.checks.codes import CODES
 from seaid.checks.experiment import (
@@ -23,6 +26,7 @@ from seaid.checks.experiment import (
     experiment_of,
     multiplied,
 )
+from seaid.checks.gears import linkages
 from seaid.checks.setup import (
     MISTAKES,
     _all_torque_scales,
@@ -31,9 +35,10 @@ from seaid.checks.setup import (
     setup_findings,
     transforms,
 )
+from seaid.drives import total_ratio
 from seaid.errors import Finding
 from seaid.legged import load_robot
-from seaid.log import Log
+from seaid.log import Log, low_pass
 from seaid.log.motion import reconstruct_motions
 from seaid.regressor import joint_torques
 from seaid.robot import Payload, Robot
@@ -736,3 +741,65 @@ def test_derived_properties_name_all_fields_that_they_rest_on() -> None:
     assert all(getattr(before, name) is not None for name in _FIELDS_OF)
     stays = vars(before.with_changes(torque=2 * before.torque)).keys() & _FIELDS_OF.keys()
     assert stays == {name for name, declared in _FIELDS_OF.items() if "torque" not in declared}
+
+
+@pytest.mark.slow  # a check of the leg each
+@pytest.mark.parametrize("joint", ["hip_roll", "hip_pitch"])
+def test_the_same_mistake_of_an_upright_joint_is_no_rival(joint: str) -> None:
+    """Nothing shows the zero of hip_yaw, whose axis is upright: it withheld the remedy."""
+    j, log = leg().index(joint), leg_log()
+    turned = (np.pi / 2) * (np.arange(leg().n) == j)
+    ratio = total_ratio(leg().drives[joint])
+    wrong = replace(
+        log,
+        joint_position=log.joint_position + turned,
+        motor_position=log.motor_position + ratio * turned,
+    )
+    findings = seaid.check(leg(TEST_MASS), wrong).warnings
+    (finding,) = (x for x in findings if x.severity != "note")
+    assert (finding.code, finding.joint) == ("encoder-offset", joint)
+    offset = lines_of(finding, joint)["joint_position"]["offset"]
+    assert offset == pytest.approx(-np.pi / 2, abs=0.02)
+
+
+def test_the_weight_on_a_slide_is_no_friction() -> None:
+    """A torque of the other sign was explained by a constant: only the accelerations remained."""
+    log, j = arm_log(), arm().index("telescope")
+    sign = 1.0 - 2.0 * (np.arange(arm().n) == j)
+    right, wrong = (
+        experiment(arm(), replace(log, motor_torque=x * log.motor_torque)).nominal[j]
+        for x in (1.0, sign)
+    )
+    assert right < 0.05
+    assert wrong > 3.0  # 1.2 with a free constant
+
+
+def test_a_linkage_is_measured_where_the_rotor_is_unknown() -> None:
+    """Its inertia by (7) with a constant ratio was wrong, and with it the deflection."""
+    robot, joint = leg(TEST_MASS), "knee_pitch"
+    log, j, drive = leg_log(), robot.index(joint), robot.drives[joint]
+    inertia, viscous, coulomb = (
+        drive.values[x] for x in ("motor_inertia", "viscous_friction", "coulomb_friction")
+    )
+    step_s = log.time[1] - log.time[0]
+
+    def torque_of_motor(angle: Array) -> Array:
+        smooth = low_pass((angle - angle[0])[:, None], 1 / step_s, 20.0)[:, 0]
+        speed = np.gradient(smooth, step_s)
+        rotor = inertia * np.gradient(speed, step_s)
+        return np.asarray(rotor + viscous * speed + coulomb * np.sign(speed))
+
+    q, angle, torque = log.joint_position[:, j], log.motor_position[:, j], log.motor_torque[:, j]
+    # theta = N (q + d + 0.3 (1 - cos q)), whose ratio is N (1 + 0.3 sin q)
+    turned = angle + 0.3 * total_ratio(drive) * (1 - np.cos(q))
+    load = (torque - torque_of_motor(angle)) / (1 + 0.3 * np.sin(q))
+    channels = {"motor_position": turned, "motor_torque": load + torque_of_motor(turned)}
+    changed = with_channels(log, joint, **{x: lambda _, y=y: y for x, y in channels.items()})
+    unknown = robot.with_drives(
+        {x: replace(robot.drives[x], motor_inertia_kg_m2=None) for x in robot.elastic_joints}
+    )
+    (linkage,) = linkages(experiment(unknown, changed))
+    table = tomllib.loads(linkage.lines.partition("\n")[2])[joint]
+    assert table["gear_ratio"] == pytest.approx(drive.ratio, rel=0.02)
+    assert table["angle_ratio"]["cos"] == pytest.approx([0.0], abs=0.03)
+    assert table["angle_ratio"]["sin"] == pytest.approx([0.3], abs=0.03)
