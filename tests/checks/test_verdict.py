@@ -162,6 +162,27 @@ def test_a_load_as_small_as_its_noise_is_a_note() -> None:
     assert found.verdict.level == "good"
 
 
+def in_currents(robot: seaid.Robot, log: Log) -> tuple[seaid.Robot, Log]:
+    """Return a robot whose torque constants are unknown, and its log with currents."""
+    drives = {x: replace(drive, motor_input="current") for x, drive in robot.drives.items()}
+    unknown = np.full_like(log.motor_torque, np.nan)
+    log = replace(log, motor_current=log.motor_torque / 0.05, motor_torque=unknown)
+    return robot.with_drives(drives), log
+
+
+@pytest.mark.slow  # an identification of two conditions, 2 s
+def test_errors_of_currents_are_over_the_torque_of_all_bodies() -> None:
+    """All that (8) knows is the torque of the payload, and nothing without it."""
+    free = measure(leg(), leg_motion(), LEG_SENSORS, 1)
+    logs = {
+        "loaded": in_currents(leg(TEST_MASS), loaded_leg_log()),
+        "free": in_currents(leg(), free),
+    }
+    found = seaid.identify_conditions(logs, condition_specific=()).identifications
+    assert max(fit.own for fit in found["loaded"].joint_fits.values()) < 0.07
+    assert max(found["free"].joint_fits[x].own for x in ("hip_yaw", "hip_roll")) < 0.13
+
+
 def half_a_wave(log: Log) -> Array:
     """Return pushes on the first joint for 0.6 s, of half of its largest change of torque."""
     touched = (log.time > 2.0) & (log.time < 2.6)
