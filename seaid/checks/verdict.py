@@ -508,14 +508,6 @@ def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     of, force, base = f"the torque on the load of {joint}", "torque", ""
     if joint in BASE_ROWS:
         of, force, base = f"the {joint}", "force", _OF_BASE
-    if fit.identified < tol.SLIGHT:
-        return CODES["no-fit"].note(
-            f"{of} hardly shows: the model leaves {_percent(fit.own)} of it unexplained, and with "
-            f"the friction of the drive only {fit.identified:.1%} of the torque of its motor",
-            joint,
-            evidence={"error": fit.own, "identified bodies": fit.identified},
-            remedy=f"load {joint} more: a payload behind it, or faster motion",
-        )
     holds = f"; its motor equation holds, with an error of {fit.motor:.1%}" * (fit.motor < tol.MOST)
     severity: Severity = "doubtful"
     message = (

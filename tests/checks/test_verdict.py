@@ -121,7 +121,7 @@ UNEXPLAINED: dict[str, tuple[Callable[[], Log], tuple[str, str], tuple[float, fl
         ("knee_pitch", "wrong"),
         (0.9, np.inf),
     ),
-    "usable with care": (lambda: pushed_log(0.4), ("knee_pitch", "doubtful"), (0.5, 0.9)),
+    "usable with care": (lambda: pushed_log(0.5), ("knee_pitch", "doubtful"), (0.5, 0.9)),
 }
 """{verdict: the log, the joint that does not fit, and bounds of its error in excluded blocks}"""
 
@@ -150,15 +150,13 @@ def test_torques_that_no_model_explains_are_named(verdict: str) -> None:
 
 
 @pytest.mark.slow  # an identification of the leg and its checks
-def test_a_load_as_small_as_its_noise_is_a_note() -> None:
-    """In this motion the ankle carries less than the noise of its encoder times its stiffness."""
+def test_errors_are_over_the_torque_of_all_bodies_and_not_of_the_payload_alone() -> None:
+    """(8) knows the torque of the payload; in this motion the ankle carries little of it."""
     robot = leg(TEST_MASS)
     log = measure(robot, leg_motion(TEST_MASS, seed=101), LEG_SENSORS, 6)
     found = seaid.identify(robot.without_nominal(), log)
     fit = found.joint_fits["ankle_pitch"]
-    assert min(fit.own, fit.blocks) > 0.9 > 20 * max(fit.motor, fit.identified)
-    (finding,) = [warning for warning in found.warnings if warning.code == "no-fit"]
-    assert (finding.joint, finding.severity) == ("ankle_pitch", "note")
+    assert max(fit.own, fit.blocks) < 0.04
     assert found.verdict.level == "good"
 
 
