@@ -341,17 +341,12 @@ class Experiment:
         """Columns (n, R, k) of what acts on the load of each joint next to bodies: friction first.
 
         Springs that are declared parallel to a joint have any stiffness and preload; the constant
-        of friction is one of theirs. That of a joint that slides along gravity is zero, since it
-        would be the weight of bodies. Columns of springs that do not act on a joint are zero, and
-        so is that of the rotor, which comes last, where its inertia is known.
+        of friction is one of theirs. That of a joint that slides is zero, since it would be the
+        weight of bodies. Columns of springs that do not act on a joint are zero, and so is that of
+        the rotor, which comes last, where its inertia is known.
         """
-        robot, friction = self.robot, self.friction
-        if robot.base_is_held and any(robot.is_prismatic):
-            # The column of its own mass is the acceleration along the joint, less gravity.
-            weights = np.mean(np.diagonal(self.regressor[..., ::10], axis1=1, axis2=2), axis=0)
-            is_upright = np.abs(weights) > tol.POOR * np.linalg.norm(robot.model.gravity.linear)
-            friction = friction.copy()
-            friction[np.array(robot.is_prismatic) & is_upright, :, 2] = 0.0
+        robot, friction = self.robot, self.friction.copy()
+        friction[list(robot.is_prismatic), :, 2] = 0.0
         # tau_phi = C^-T tau: a spring at joint i acts on drive j with (C^-T)_ji of its torque.
         at_drives = torques_at_drives(robot.transmission, np.eye(robot.n))[self.sprung]
         springs = at_drives.T[:, None] * self.joint[0][:, self.sprung]
