@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from scipy.interpolate import CubicSpline
 
 from seaid._arrays import Array, FrozenMapping
 from seaid.drives.drives import Drive, StiffDrive, check_divisors, is_dry, total_ratio, unit_of
@@ -340,10 +339,13 @@ _STRETCHES = 1e-7 * np.sinh(np.linspace(0.0, 30.0, 6001))
 
 @dataclass(frozen=True, eq=False)
 class SpringInverse:
-    """The deflection of an undamped spring, from its zero, as a smooth function of its force."""
+    """The deflection of an undamped spring, from its zero, as a smooth function of its force.
+
+    `by_pull` is that of the force less the preload, or its slope for a second argument of 1.
+    """
 
     preload: float
-    by_pull: CubicSpline
+    by_pull: Callable[..., Array]
 
     def stretch(self, force: Array) -> tuple[Array, Array]:
         """Return the deflection under a force (any shape), and its slope."""
@@ -358,6 +360,8 @@ def spring_inverse(drive: Drive) -> SpringInverse:
     Every force has one deflection: where a spring gives way, it is continued with a tenth of its
     stiffness. Raises RobotError for a missing value.
     """
+    from scipy.interpolate import CubicSpline
+
     values = {"deflection_zero": 0.0} if drive.is_nonlinear_spring else {}
     if {*DEAD_ZONES} & {*drive.spring} and drive.values.get("dead_zone"):
         gap = drive.values["dead_zone"]
