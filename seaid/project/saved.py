@@ -225,19 +225,20 @@ def _factor(motion: Motion) -> int:
 
 def _thinned(motion: Motion) -> Motion:
     """Return the motion with the least rate that is `_RATE_PER_CUTOFF` times the cutoff."""
-    factor = _factor(motion)
-    return decimated(motion, factor) if factor > 1 else motion
+    return decimated(motion, factor) if (factor := _factor(motion)) > 1 else motion
 
 
 def _thinned_validation(validation: Validation) -> Validation:
-    """Return the validation on one motion with this and its torques thinned."""
-    if len(validation.motions) != 1:
+    """Return the validation with thinned motions and the same samples of its torques."""
+    # The torques of all motions follow each other, and are thinned as each motion is.
+    each = [np.arange(len(motion.time)) % _factor(motion) == 0 for motion in validation.motions]
+    kept = np.concatenate(each) if each else np.zeros(0)
+    if kept.shape != validation.time.shape:
         return validation
-    samples, factor = len(validation.time), _factor(validation.motions[0])
 
     def thinned(value: Any) -> Any:
         if isinstance(value, np.ndarray):
-            return value[::factor] if value.shape[:1] == (samples,) else value
+            return value[kept] if value.shape[:1] == kept.shape else value
         if isinstance(value, Fit):
             return replace(value, **{name: thinned(x) for name, x in _fields_of(value).items()})
         return value

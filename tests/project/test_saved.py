@@ -95,6 +95,16 @@ def test_motions_are_thinned_without_a_change_of_the_fit(tmp_path: Path) -> None
     assert len(legged.base.measured) == len(legged.time) < len(before.time)
     assert np.array_equal(legged.base.measured, legged.load.measured, equal_nan=True)
     assert legged.base.rms_error is before.load.rms_error
+    twice = _thinned_validation(
+        replace(
+            before,
+            motions=(whole, whole),
+            time=np.tile(before.time, 2),
+            load=replace(before.load, measured=np.tile(before.load.measured, (2, 1))),
+        )
+    )
+    assert len(twice.motions) == 2
+    assert len(twice.load.measured) == len(twice.time) == 2 * len(legged.time)
 
 
 def test_the_axes_and_limits_of_a_robot_stay(tmp_path: Path) -> None:
