@@ -109,9 +109,9 @@ def test_a_tilt_of_few_degrees_is_distinguished_from_errors_of_nominal_masses(se
     tilted = replace(nominal, model=model)
     (finding,) = seaid.check(tilted, arm_log(seed)).warnings
     assert (finding.code, finding.severity) == ("gravity", "doubtful")
-    assert finding.evidence["standard errors"] > 6
-    assert finding.evidence["tilt [deg]"] == pytest.approx(4.0, abs=2.0)
-    assert "standard errors" in finding.message
+    # A joint that slides along the tilted axis shows the tilt with any bodies.
+    assert finding.evidence["misfit without it"] < 0.01 < 0.1 < finding.evidence["misfit as given"]
+    assert finding.evidence["tilt [deg]"] == pytest.approx(4.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("joint", "seed"), quick_first([("knee_pitch", 11), ("hip_roll", 12)]))
