@@ -123,7 +123,7 @@ def test_no_module_imports_one_that_imports_it() -> None:
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
         *("identification.instrumental", "identification.simultaneous"),
-        "identification.motor_driven",
+        *("identification.motor_driven", "identification.sensitivity"),
         "excitation.multisine",
         *("regressor.exact.recursion", "regressor.motor_only"),
         "symbolic.independence",

@@ -43,10 +43,11 @@ from seaid.identification.consistency import FeasibleParameters, feasible_parame
 from seaid.identification.datasets import Dataset, processing_of
 from seaid.identification.drive_estimates import with_fixed_delays, with_free_scale
 from seaid.identification.gear import gear_estimates, with_gears
+from seaid.identification.given_constants import exact_constants, scaled_by_bodies
 from seaid.identification.model_selection import backlash_findings
 from seaid.identification.nonlinear_terms import with_searched_values
 from seaid.identification.result import Identification, extension_of, identified_robot
-from seaid.identification.sensitivity import exact_constants, scaled_by_bodies, sensitivity_findings
+from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.stacked_fits import LOAD, RobotEstimate
 from seaid.identification.two_step import TwoStepFits
 from seaid.log import Motion

@@ -80,11 +80,10 @@ def noise_ratio(robot: Robot, motions: Sequence[Motion], joint: str) -> float:
     It is the median ratio of the spectra between 2.5 and 4 times the cutoff; inf, so that the
     deflection counts as exact, if the deflection has no noise there.
     """
-    ratios = [_spectra(robot, motion, joint) for motion in motions]
-    return float(np.median(ratios))
+    return float(np.median([_noise_ratio(robot, motion, joint) for motion in motions]))
 
 
-def _spectra(robot: Robot, motion: Motion, joint: str) -> float:
+def _noise_ratio(robot: Robot, motion: Motion, joint: str) -> float:
     index = robot.index(joint)
     by_name = signals(robot, motion, index)
     by_name["tau_L"] = sensed_torque(robot, motion, index)

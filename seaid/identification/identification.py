@@ -27,13 +27,7 @@ from seaid.identification import output_error
 from seaid.identification.conclusion import conclude, consistent_bodies
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.problem import Method, Options, solve
-from seaid.identification.result import (
-    Fit,
-    Identification,
-    Validation,
-    extension_of,
-)
-from seaid.identification.simulated_joints import check_refinable
+from seaid.identification.result import Fit, Identification, Validation, extension_of
 from seaid.identification.two_step import ONLY
 from seaid.identification.unseen_springs import (
     cutoff_of,
@@ -176,7 +170,7 @@ def _identify_from_motors(
     fractions = _CUTOFF_FRACTIONS if options.cutoff_hz is None else (1.0,)
     findings = log_findings(robot, logs, robot.selected(options.torque_joints))
     with explained(lambda: findings):  # an error raised inside gets these findings as its cause
-        check_refinable(robot, joints)
+        output_error.check_refinable(robot, joints)
         if options.restrictions is not None:
             raise options.restrictions.unseen_error(joints)
         proposed_hz = cutoff_of(robot, logs, joints, options.cutoff_hz)

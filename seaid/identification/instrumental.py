@@ -25,29 +25,33 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks.values import instruments_of_stiff_drives
+from seaid.drives import readable
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimator
 from seaid.estimation.instrumental_variables import instrumental, projected_columns
 from seaid.identification.drive_estimates import without_torque
-from seaid.identification.simulated_joints import BY_INSTRUMENTS
 from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
-from seaid.identification.two_step import ONLY, Condition, estimate_two_step
+from seaid.identification.two_step import ONLY, Condition, Restrictions, estimate_two_step
 from seaid.log import Motion, in_band, low_pass
 from seaid.log.filtering import spline_derivatives
 from seaid.regressor import Regression, actuator_regression, load_regression
 from seaid.regressor.load import LoadModel, Springs, known_frictions, load_columns, where_known
-from seaid.regressor.regression import (
-    Regress,
-    actuator_columns,
-    known_friction,
-    spring_regressor,
-)
+from seaid.regressor.regression import Regress, actuator_columns, known_friction, spring_regressor
 from seaid.robot import Robot, at_drives
 
 REFERENCE_BAND = 0.5
 """Cutoff of the reference motion over that of the identification: three times the bandwidth."""
 
 _PREFIX = "instrument of "
+
+
+BY_INSTRUMENTS = Restrictions(
+    option='estimator="iv"',
+    instead='estimator="wls"',
+    why="its instruments are a simulation, and seaid does not simulate contacts",
+    needed=frozenset(),
+    what="supports springs of one stiffness",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,15 +175,16 @@ def estimate_instrumental(condition: Condition, start: RobotEstimate) -> RobotEs
         before, equations = estimate, _equations(robot, model, estimate)
         fits = estimate_two_step({ONLY: condition}, _BY_ROWS, equations=equations)
         estimate = fits.of(ONLY)
-        moved = {name: step for name, step in _moved(before, estimate).items() if step > SETTLED}
+        steps = estimate.moved_from(before)
+        moved = {name: step for name, step in steps.items() if step > SETTLED}
         if not moved:
             notes = () if robot.elastic_joints else (instruments_of_stiff_drives(),)
             return replace(estimate, findings=notes)
     worst = max(moved, key=lambda name: moved[name])
     raise IdentificationError(
-        f"instrumental variables did not converge in {_MOST_ITERATIONS} iterations: {worst} still "
-        f"changes by {moved[worst]:.2g} standard errors; move that joint more, or use "
-        "estimator='wls'",
+        f"instrumental variables did not converge in {_MOST_ITERATIONS} iterations: "
+        f"{readable(worst)} still changes by {moved[worst]:.2g} standard errors; move that joint "
+        "more, or use estimator='wls'",
         "estimator='wls'",
     )
 
@@ -219,19 +224,3 @@ def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel
             "estimator='wls'",
         )
     return FittedModel(model, sides.load_side.values, springs)
-
-
-def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
-    """Return the change of each parameter in standard errors."""
-    moved: dict[str, float] = {}
-    # The start has torque offsets, and the estimates from instruments have none.
-    pairs = [("load", before.load_side, after.load_side)] + [
-        (joint, before.drives[joint].of_names(new.names), new)
-        for joint, new in after.drives.items()
-    ]
-    for where, old, new in pairs:
-        steps = np.abs(new.values - old.values) / np.maximum(new.standard_errors, 1e-300)
-        # Without noise the standard errors vanish too, and rounding would be many of them.
-        steps[np.abs(new.values - old.values) <= 1e-9 * np.abs(new.values)] = 0.0
-        moved |= {f"{name} of {where}": float(s) for name, s in zip(new.names, steps, strict=True)}
-    return moved

@@ -25,7 +25,7 @@ from seaid.drives.drives import DefaultTerms
 from seaid.errors import IdentificationError
 from seaid.estimation import Parameter
 from seaid.estimation.nonlinear_least_squares import Residuals
-from seaid.identification import simulated_joints
+from seaid.identification import joint_dynamics
 from seaid.identification.refined_parameters import Layout, MotionChange, Outputs, block_means
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.identification.unseen_springs import SAMPLES
@@ -71,7 +71,7 @@ def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> list[Run]:
     """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
     known, motion = layout.identification.known, _in_wider_band(layout, log)
     if layout.unseen:
-        motion = simulated_joints.smoothed(motion, [known.index(joint) for joint in layout.unseen])
+        motion = joint_dynamics.smoothed(motion, [known.index(joint) for joint in layout.unseen])
         # The angles behind the springs are simulated, so that the samples must resolve the
         # fastest oscillation in the band, and no more: the cost grows with their number.
         motion = decimated(motion, max(1, int(motion.rate_hz / (SAMPLES * motion.cutoff_hz))))
@@ -103,14 +103,14 @@ def _in_wider_band(layout: Layout, log: Log) -> Motion:
     start, known = layout.identification, layout.identification.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     band = min(WIDER * start.cutoff_hz, rate_hz / 8)
-    motion = simulated_joints.finer_side(known, reconstruct_motion(known, log, band))
+    motion = joint_dynamics.finer_side(known, reconstruct_motion(known, log, band))
     behind = (*layout.unseen, *layout.followed)
     # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
     # the column w' of an unknown I_M makes it too small (errors in variables).
     noises = [_motor_noise(layout, joint, log, motion) for joint in behind]
     is_noisy = any(torque < rotor for torque, rotor in noises)
     if is_noisy or any("motor_inertia" in layout.actuators[x].names for x in layout.unseen):
-        return simulated_joints.finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
+        return joint_dynamics.finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
     return motion
 
 
@@ -245,10 +245,10 @@ class MotorDriven(Outputs):
     def nudged(self) -> tuple[Motion, Motion]:
         """The motions with all joint positions changed, and with all speeds."""
         motion = self.run.motion
-        return simulated_joints.nudged(motion, 0), simulated_joints.nudged(motion, 1)
+        return joint_dynamics.nudged(motion, 0), joint_dynamics.nudged(motion, 1)
 
     @cached_property
-    def joint_dynamics(self) -> simulated_joints.LinearisedLoad:
+    def linearised_load(self) -> joint_dynamics.LinearisedLoad:
         """What pulls at the simulated joints: the bodies, and the drives against their motion.
 
         It is linearised about their motion.
@@ -256,7 +256,7 @@ class MotorDriven(Outputs):
         layout, eye, motion = self.layout, np.eye(len(self.joints)), self.run.motion
         model = layout.identification.model
         simulated = list(map(model.torque_joints.index, layout.simulated))
-        slopes = simulated_joints.drive_slopes(
+        slopes = joint_dynamics.drive_slopes(
             self.known, motion, self.nudged, model, self.springs, self.x[layout.load]
         )
         by_position, by_speed = (slope[:, simulated, None] * eye for slope in slopes)
@@ -264,7 +264,7 @@ class MotorDriven(Outputs):
         by_speed = by_speed + of_friction[:, :, None] * eye
         inside = self.jacobians[:, :, self.joints][..., self.joints]
         inside[:2] += by_position, by_speed
-        return simulated_joints.LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
+        return joint_dynamics.LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
 
     def moved(self, x: Array, part: float, nuisance: Array) -> MotorDriven:
         """Return the run with its simulated joints after a part of a step to parameters x (p,)."""
@@ -272,9 +272,9 @@ class MotorDriven(Outputs):
         force = self.load_rows_of(layout.simulated)
         # q + part dq_0 + dq/dx change + Phi(t) s: the Newton correction dq_0 of (8), the change of
         # the parameters, and free motions Phi from the changes s of each window's initial state.
-        response = self.joint_dynamics.response(force @ np.append(part, change)[:, None])
+        response = self.linearised_load.response(force @ np.append(part, change)[:, None])
         weights = np.column_stack([np.ones(len(initial)), initial])
-        motion = simulated_joints.displaced(self.run.motion, self.joints, response, weights)
+        motion = joint_dynamics.displaced(self.run.motion, self.joints, response, weights)
         if layout.has_zeros:
             position = motion.joint_position.copy()
             others = [joint for joint in range(self.known.n) if joint not in self.joints]
@@ -310,7 +310,7 @@ class MotorDriven(Outputs):
         to satisfy it; then follow its derivatives by the parameters.
         """
         layout, run = self.layout, self.run
-        response = self.joint_dynamics.response(self.load_rows_of(layout.simulated))
+        response = self.linearised_load.response(self.load_rows_of(layout.simulated))
         torques = self.motor_torques(response), self.followed_torques(response)
         columns = np.concatenate([self.positions(response), *torques], axis=1)
         unseen = np.isin(layout.simulated, layout.unseen)
@@ -348,7 +348,7 @@ class MotorDriven(Outputs):
             # by position and by speed
             for move, motion in zip(response[:2, :, row], self.nudged, strict=True):
                 _, zeta, R = self.motor_equation(joint, motion)
-                slope = (zeta - R @ self.x[of_drive] - residual) / simulated_joints.NUDGE
+                slope = (zeta - R @ self.x[of_drive] - residual) / joint_dynamics.NUDGE
                 # Chain rule d(7)/dx + d(7)/dq dq/dx + d(7)/dv dv/dx; (7) has no joint acceleration.
                 # The first column is the change by the Newton correction of the joint.
                 columns[:, row] += slope[:, None] * move

@@ -1,14 +1,14 @@
 """`refine`: maximum likelihood by output error, both sides at once, from an identification.
 
 Joints are simulated, from the measured motors (`motor_driven`) or under their own controllers
-(`simulated_joints`), and compared with their encoders; all other measured torques are compared with
+(`command_driven`), and compared with their encoders; all other measured torques are compared with
 the equations, below the cutoff of the identification. One search goes from the values of the
 identification to those of the largest likelihood, which are kept unless they predict worse.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.checks.predictions import nothing_to_simulate, worse_than_start
-from seaid.drives import readable
+from seaid.drives import Drive, readable
 from seaid.errors import ExcitationError, Finding, IdentificationError, SeaidError, checked
 from seaid.estimation import Parameter
 from seaid.estimation.nonlinear_least_squares import (
@@ -30,7 +30,10 @@ from seaid.estimation.nonlinear_least_squares import (
     without_information,
 )
 from seaid.identification import motor_driven
+from seaid.identification.command_driven import commanded_point
 from seaid.identification.drive_estimates import without_torque
+from seaid.identification.given_constants import STEP, constants_of
+from seaid.identification.joint_dynamics import finer_side
 from seaid.identification.refined_parameters import (
     Layout,
     LogPoint,
@@ -39,8 +42,7 @@ from seaid.identification.refined_parameters import (
     identification_at,
     layout_of,
 )
-from seaid.identification.sensitivity import STEP, constants_of
-from seaid.identification.simulated_joints import check_refinable, commanded_point, finer_side
+from seaid.identification.two_step import LINEAR_SPRING, kind_of_spring
 from seaid.identification.unseen_springs import (
     joints_sensed_by_motor_only,
     with_angles,
@@ -52,11 +54,12 @@ from seaid.log import Log, Motion, reconstruct_motion, row_samples
 from seaid.log.filtering import noise_density
 from seaid.log.motion import SHORTEST_STRETCH, reconstruct_motions
 from seaid.log.usable_parts import stretches, usable
-from seaid.regressor import Regression, actuator_regression, load_regression
+from seaid.regressor import Regression, actuator_regression, load_regression, motor_regressor
 from seaid.regressor.load import check_offset_std, offset_sensitivity
-from seaid.regressor.regression import Regress
+from seaid.regressor.regression import Regress, spring_regressor
 from seaid.robot import Robot, coupled_names
 from seaid.robot.robot import check_held
+from seaid.robot.transmission import group_of
 
 if TYPE_CHECKING:
     from seaid.identification.result import Identification
@@ -563,3 +566,55 @@ def _with_tests(layout: Layout, point: LogPoint) -> tuple[Layout, LogPoint]:
         return wider, wider_point
     except ExcitationError:
         return layout, point
+
+
+# What is refused
+
+
+def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
+    """Raise IdentificationError for terms of drives that `refine` does not simulate.
+
+    The joints `unseen` have no sensor behind their springs, which have to be linear then.
+    """
+    for joint, drive in robot.drives.items():
+        reasons = [*_refusals(robot, joint, drive), *_of_unseen(robot, joint, drive, unseen)]
+        if reasons:
+            raise IdentificationError(
+                f"the refinement cannot simulate the drive of {joint}, {reasons[0]}; use the "
+                "result of identify"
+            )
+
+
+def _refusals(robot: Robot, joint: str, drive: Drive) -> Iterator[str]:
+    """Yield why a drive is not simulated."""
+    if drive.shared:
+        yield f"which shares parameters with others ('{drive.shared}'): it moves those of each"
+    if drive.controller is not None:
+        if drive.is_elastic or any(x.controller is None for x in robot.drives.values()):
+            yield "whose command was logged: all drives have to be stiff, with a position command"
+        if any((motor_regressor(robot, joint).non_linear, robot.angle_ratios)):
+            yield "whose equation is not linear in its parameters, or has a ratio of its angle"
+    elif drive.motor_input != "torque":
+        yield f"of which the {drive.motor_input} was logged, not the torque"
+    if "dahl" in drive.spring:
+        yield "whose spring has hysteresis, a state that adds up the noise of its deflection"
+    if "load" in drive.friction and not drive.is_elastic:
+        yield "whose friction grows with the load"
+
+
+def _of_unseen(robot: Robot, joint: str, drive: Drive, unseen: Iterable[str]) -> Iterator[str]:
+    """Yield why a drive is not simulated, if no sensor is behind its spring."""
+    if joint not in unseen:
+        return
+    if len(group_of(robot.transmission, robot.index(joint))) > 1:
+        yield "whose motor turns several joints, and no sensor is behind its spring"
+    if any((drive.parallel_spring, drive.joint_friction, drive.angle_ratio)):
+        yield "which has a parallel spring or joint friction, or angle_ratio, and no sensor behind"
+    if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
+        yield "whose equation is not linear in its parameters, without a sensor behind its spring"
+    if (
+        not {"stiffness", "spring_offset"}
+        <= {*spring_regressor(robot, joint).names}
+        <= LINEAR_SPRING
+    ):
+        yield f"whose spring {kind_of_spring(robot, joint)} and no sensor behind it"

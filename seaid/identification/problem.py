@@ -16,10 +16,7 @@ from typing import Any, Literal
 
 from seaid.checks.channels import locked_outputs
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
-from seaid.checks.model import (
-    SideSelection,
-    selections,
-)
+from seaid.checks.model import SideSelection, selections
 from seaid.checks.setup import log_findings
 from seaid.checks.verdict import explained
 from seaid.drives import Drive
@@ -27,7 +24,8 @@ from seaid.drives.drives import check_groups
 from seaid.errors import Finding, IdentificationError, check_name
 from seaid.estimation import Estimator, estimator_named
 from seaid.estimation.fitting import EstimatorName
-from seaid.identification import checking, drive_estimates, result, simulated_joints
+from seaid.identification import checking, drive_estimates, result
+from seaid.identification.command_driven import with_passed_reversals
 from seaid.identification.datasets import (
     Dataset,
     Source,
@@ -36,20 +34,21 @@ from seaid.identification.datasets import (
     first_motion,
 )
 from seaid.identification.gear import deflection_joints, with_rigid_gears
-from seaid.identification.instrumental import estimate_instrumental
-from seaid.identification.model_selection import MOST_ROUNDS, with_default_terms
-from seaid.identification.nonlinear_terms import linearised_robot
-from seaid.identification.sensitivity import (
+from seaid.identification.given_constants import (
     TYPICAL_STD,
     GivenConstants,
+    constants_of_conditions,
     encoder_offsets,
-    given_constants,
 )
-from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
+from seaid.identification.instrumental import BY_INSTRUMENTS, estimate_instrumental
+from seaid.identification.model_selection import MOST_ROUNDS, with_default_terms
+from seaid.identification.nonlinear_terms import linearised_robot
+from seaid.identification.simultaneous import AT_ONCE, estimate_simultaneous, estimate_supported
 from seaid.identification.stacked_fits import RobotEstimate, SensorErrors
 from seaid.identification.two_step import (
     NOTHING_SPECIFIC,
     Condition,
+    Restrictions,
     SpecificParameters,
     TwoStepFits,
     check_forces,
@@ -106,11 +105,11 @@ class Options:
         check_known_std(self.known_std)
 
     @property
-    def restrictions(self) -> simulated_joints.Restrictions | None:
+    def restrictions(self) -> Restrictions | None:
         """What a method that goes on from linear two steps refuses, if it is asked for."""
         if self.estimator == "iv":
-            return simulated_joints.BY_INSTRUMENTS
-        return simulated_joints.AT_ONCE if self.method == "simultaneous" else None
+            return BY_INSTRUMENTS
+        return AT_ONCE if self.method == "simultaneous" else None
 
     def check_shared(self, robot: Robot) -> None:
         """Raise an error for drives that cannot share, or do not by a method that was chosen."""
@@ -265,7 +264,7 @@ class Problem:
     @cached_property
     def with_errors_of_constants(self) -> Mapping[str, RobotEstimate]:
         """The estimates, with the errors of what was given as known."""
-        of_drives = given_constants(self.cases, self.options.known_std)
+        of_drives = constants_of_conditions(self.cases, self.options.known_std)
         constants = {name: [*x, *self.offsets.constants[name]] for name, x in of_drives.items()}
         if not any(of_drives.values()):
             return self.estimates
@@ -432,9 +431,7 @@ def _with_first_estimates(problem: Problem) -> Problem:
     cases = {
         name: replace(
             case,
-            datasets=simulated_joints.with_passed_reversals(
-                case.robot, case.datasets, problem.identified(name)
-            ),
+            datasets=with_passed_reversals(case.robot, case.datasets, problem.identified(name)),
         )
         for name, case in problem.cases.items()
         if case.robot.has_controllers

@@ -35,7 +35,6 @@ from seaid.estimation.fitting import Rows
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import without_torque
-from seaid.identification.simulated_joints import AT_ONCE
 from seaid.identification.stacked_fits import (
     LOAD,
     TORQUE_OFFSET,
@@ -44,7 +43,7 @@ from seaid.identification.stacked_fits import (
     offset_lever,
     spring_of,
 )
-from seaid.identification.two_step import Condition
+from seaid.identification.two_step import Condition, Restrictions
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, load_regression
 from seaid.regressor.load import LoadModel
@@ -64,6 +63,15 @@ _HARMLESS, _PATIENCE = 1e-7, 10
 errors are too small to converge to."""
 
 _SPRING = ("stiffness", "spring_offset")
+
+
+AT_ONCE = Restrictions(
+    option='method="simultaneous"',
+    instead='method="two-step"',
+    why="without contact forces each equation has the deflections of several springs",
+    needed=frozenset({"stiffness", "spring_offset"}),
+    what="shares springs of unknown stiffness and offset",
+)
 
 
 def simultaneous_regression(
@@ -322,15 +330,13 @@ def _contradiction(first: RobotEstimate, both: RobotEstimate) -> str:
     """Return the parameter for which both sides at once contradict two steps, "" without one."""
     # Var(theta_2 - theta_s) = Var(theta_2) - Var(theta_s) <= Var(theta_2) if the model is complete,
     # theta_s then being the efficient estimate (Hausman 1978).
-    differences = {"": _moved(first.load, both.load)}
-    differences |= {joint: _moved(x, both.drives[joint]) for joint, x in first.drives.items()}
-    moved = [(z, joint, name) for joint, by_name in differences.items() for name, z in by_name]
+    moved = both.moved_from(first)
     # Of a log whose estimates have no errors nothing contradicts.
-    z, joint, name = max(moved, default=(0.0, "", ""))
-    if z <= SURE:
+    if max(moved.values(), default=0.0) <= SURE:
         return ""
-    what = readable(ParameterName(name, joint)) if joint else name
-    return f"the load side contradicts the motor equations ({what} by {z:.2g} standard errors)"
+    name, z = max(moved.items(), key=lambda item: item[1])
+    by = f"{readable(name)} by {z:.2g} standard errors"
+    return f"the load side contradicts the motor equations ({by})"
 
 
 def _noise(first: RobotEstimate, both: RobotEstimate) -> str:
@@ -340,15 +346,6 @@ def _noise(first: RobotEstimate, both: RobotEstimate) -> str:
     shown = {(x.code, x.joint): x for x in noise_findings(both.load) if x.severity != "note"}
     new = [key for key in shown if key not in known]
     return f"the residual of both sides at once shows {_named(new)}" if new else ""
-
-
-def _moved(first: Estimate, both: Estimate) -> list[tuple[str, float]]:
-    """Return by how many standard errors of the first estimate the second differs from it."""
-    return [
-        (name, abs(both.value(name) - value) / error)
-        for name, value, error in zip(first.names, first.values, first.standard_errors, strict=True)
-        if name in both.names and error > 0
-    ]
 
 
 def estimate_simultaneous(
@@ -401,12 +398,16 @@ def _estimated(
     of_joints = whole.by_owner()
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
     both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
-    optional = [
-        name
-        for name in whole.names
-        if name not in model.expressions and name.quantity not in _SPRING
-    ]
-    refit = partial(_refitted, condition, start, estimator, regress, whole.values)
+    of_drives = [name for name in whole.names if name not in model.expressions]
+    optional = [name for name in of_drives if name.quantity not in _SPRING]
+
+    def refit(rows: Rows, errors: Array) -> FittedRows:
+        assert isinstance(rows, Regression)
+        # The errors are those of the last columns.
+        last = rows.propagated[:, rows.propagated.shape[1] - len(errors) :]
+        rows, values = replace(rows, propagated=last), whole.values
+        return _estimated(condition, start, estimator, regress, values, rows, errors).fit
+
     return RobotEstimate(
         model=model,
         drives=drives,
@@ -419,22 +420,6 @@ def _estimated(
         whole=whole,
         regress=regress,
     )
-
-
-def _refitted(
-    condition: Condition,
-    start: RobotEstimate,
-    estimator: Estimator,
-    regress: Callable[[Robot, Motion], Regression],
-    values: Array,
-    rows: Rows,
-    errors: Array,
-) -> FittedRows:
-    """Return the fit near values (p,) with the errors (k, k) that the last columns propagate."""
-    assert isinstance(rows, Regression)
-    last = rows.propagated[:, rows.propagated.shape[1] - len(errors) :]
-    rows = replace(rows, propagated=last)
-    return _estimated(condition, start, estimator, regress, values, rows, errors).fit
 
 
 def _values(rows: Regression, start: RobotEstimate) -> Array:

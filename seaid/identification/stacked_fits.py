@@ -377,6 +377,18 @@ class RobotEstimate:
         fits = [*self.actuators.values(), self.fit]
         return tuple({x.name: x for fit in fits for x in fit.shared}.values())
 
+    def moved_from(self, before: RobotEstimate) -> dict[ParameterName, float]:
+        """Return by how many standard errors of a former estimate parameters differ from it."""
+        # Standard errors below this part of a value, as those of a log without noise, are rounding.
+        moved, rounding = dict[ParameterName, float](), float(np.sqrt(np.finfo(float).eps))
+        sides = [(x.at(joint), self.drives[joint].at(joint)) for joint, x in before.drives.items()]
+        for old, new in [(before.load, self.load), *sides]:
+            for name, value, error in zip(old.names, old.values, old.standard_errors, strict=True):
+                size = max(float(error), rounding * abs(float(value)))
+                if name in new.names and error > 0:
+                    moved[name] = abs(new.value(name) - float(value)) / size
+        return moved
+
     def with_errors(self, known: KnownErrors, condition: str) -> RobotEstimate:
         """Return the estimate of a condition with errors of what was given as known."""
         names = self.load_side.names if self.whole is None else self.whole.names

@@ -6,7 +6,7 @@ with the others, and an identification of one robot is that of one condition wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -18,7 +18,7 @@ from seaid._arrays import Array
 from seaid.drives import ParameterName
 from seaid.drives.drives import groups_of
 from seaid.drives.terms import places_of
-from seaid.errors import IdentificationError
+from seaid.errors import IdentificationError, listed
 from seaid.estimation import Estimator, FittedRows, fit
 from seaid.estimation.estimate import ModelChecks
 from seaid.estimation.fitting import RowChange, Rows, qr_factor_of_rows, with_columns
@@ -52,6 +52,7 @@ from seaid.regressor import Regression, actuator_regression, load_regression, mo
 from seaid.regressor.load import LoadModel, load_model_of
 from seaid.regressor.regression import INPUT_FIELDS, Regress, spring_regression, spring_regressor
 from seaid.robot import Robot
+from seaid.robot.robot import check_held
 from seaid.robot.transmission import group_of
 
 _OF_CURRENT = "torque_constant"
@@ -517,3 +518,70 @@ def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: s
     used = group_of(robot.transmission, index) if signal == "joint_torque" else [index]
     channels = [getattr(motion, signal) for motion in motions]
     return all(data is not None and bool(np.all(np.isfinite(data[:, used]))) for data in channels)
+
+
+# What goes on from two steps
+
+LINEAR_SPRING = {"stiffness", "spring_damping", "spring_offset"}
+
+
+@dataclass(frozen=True)
+class Restrictions:
+    """What a method that goes on from two steps refuses.
+
+    `option` is how the method is asked for, and `instead` the option for robots that it refuses.
+    `why` is the reason for which the base has to be held. Springs have to be linear and to have the
+    parameters `needed`, which `what` says.
+    """
+
+    option: str
+    instead: str
+    why: str
+    needed: frozenset[str]
+    what: str
+
+    def reason(self, robot: Robot, springs: Iterable[str]) -> str:
+        """Return which of the springs the method cannot have, "" if it can have all."""
+        for joint in springs:
+            if not self.needed <= {*spring_regressor(robot, joint).names} <= LINEAR_SPRING:
+                return f"the spring of {joint} {kind_of_spring(robot, joint)}"
+        return ""
+
+    def check(self, robot: Robot, springs: Iterable[str]) -> None:
+        """Raise IdentificationError for a floating base, and for springs that are refused."""
+        check_held(robot, self.option, IdentificationError, why=self.why)
+        if reason := self.reason(robot, springs):
+            options = self.option, self.instead
+            raise IdentificationError(
+                f"{self.option} {self.what}: {reason}; use {self.instead}", *options
+            )
+
+    def check_alone(self, robot: Robot) -> None:
+        """Raise IdentificationError for drives that share parameters."""
+        if groups := groups_of(robot.drives):
+            raise IdentificationError(
+                f"{self.option} estimates each drive alone, and drives share parameters "
+                f'({listed(groups)}): use method="two-step" with a linear estimator, or remove '
+                "the groups (shared = ... in the drives file, share=)",
+                self.option,
+            )
+
+    def unseen_error(self, joints: Sequence[str]) -> IdentificationError:
+        """Return the error for joints without encoder, where the method does nothing."""
+        return IdentificationError(
+            f"{self.option} needs the joint position of each spring, and the logs have none of "
+            f"{listed(joints)}: these springs are found by a refinement that simulates the motors, "
+            f"whatever the first estimate is; remove {self.option}, or log the joint position",
+            self.option,
+        )
+
+
+def kind_of_spring(robot: Robot, joint: str) -> str:
+    """Describe the terms of a spring other than unknown stiffness and offset."""
+    regressor, drive = spring_regressor(robot, joint), robot.drives[joint]
+    others = [name.replace("_", " ") for name in regressor.names if name not in LINEAR_SPRING]
+    if others:
+        return f"has {', '.join(others)}"
+    if "spring_damping" in regressor.names:
+        return "has damping"
+    return f"has a known {' and '.join(name.replace('_', ' ') for name in drive.known)}"

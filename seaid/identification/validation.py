@@ -49,15 +49,10 @@ def compared(identification: Identification, *given: Motion) -> Validation:
     """
     identification, _ = for_sensors(identification, given[0])
     motions = [for_sensors(identification, motion)[1] for motion in given]
-    robot = identification.robot
-    if under_load(identification.known, identification.model.torque_joints):
-        theta = identification.load_side.values
-        motions = [
-            with_gear_torque(
-                identification.known, motion, identification.model, identification.springs, theta
-            )
-            for motion in motions
-        ]
+    robot, known, model = identification.robot, identification.known, identification.model
+    if under_load(known, model.torque_joints):
+        springs, theta = identification.springs, identification.load_side.values
+        motions = [with_gear_torque(known, x, model, springs, theta) for x in motions]
     actuator = [_traces(motion, *_actuator(identification, motion)) for motion in motions]
     sides, load = [_load(identification, motion) for motion in motions], list[Traces]()
     for motion, (measured, computed, _) in zip(motions, sides, strict=True):
@@ -71,7 +66,7 @@ def compared(identification: Identification, *given: Motion) -> Validation:
         load=fit_of(load),
         motions=given,
     )
-    return extension_of(identification.known).compared(comparison, [side[2] for side in sides])
+    return extension_of(known).compared(comparison, [side[2] for side in sides])
 
 
 def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Array, BoolArray]:

@@ -20,7 +20,7 @@ from seaid.identification.instrumental import (
     load_with_instruments,
     split_instruments,
 )
-from seaid.identification.simulated_joints import finer_side
+from seaid.identification.joint_dynamics import finer_side
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step
 from seaid.legged import load_robot

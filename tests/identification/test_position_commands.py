@@ -17,7 +17,7 @@ from seaid.checks.values import drive_findings
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
-from seaid.identification.simulated_joints import commanded_point
+from seaid.identification.command_driven import commanded_point
 from seaid.log.commands import commanded_torque
 from seaid.regressor.regression import signals
 from seaid.simulation.replaying import rollout
