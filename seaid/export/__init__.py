@@ -10,8 +10,8 @@ An `Identification`, or a `Robot` with its values, comes in; files go out:
 
 >>> import seaid
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
->>> found = seaid.identify(robot, seaid.read_log("run.csv", robot), feasible=True)
->>> notes = seaid.write_mjcf(found, "leg.xml").notes
+>>> result = seaid.identify(robot, seaid.read_log("run.csv", robot), feasible=True)
+>>> notes = seaid.write_mjcf(result, "leg.xml").notes
 """
 
 import lazy_loader

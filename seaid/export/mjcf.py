@@ -20,48 +20,6 @@ from seaid.identification import Identification
 from seaid.regressor.base import check_constant_ratios
 from seaid.robot import Robot
 
-_LONGEST_S, _SHORTEST_S = 1e-3, 1e-6
-_STEPS_PER_RADIAN = 20.0
-"""Time steps per radian of the fastest oscillation."""
-
-
-def step_s(robot: Robot) -> tuple[float, str]:
-    """Return a time step [s] that resolves the fastest spring and damper, and a note about it."""
-    fastest = float(np.max(np.abs(_rates(robot)), initial=0.0))
-    # RK4 is stable up to |lambda| step = 2.8 or so; 1/20 is for the accuracy of the fastest mode.
-    wanted = min(_LONGEST_S, 1 / (_STEPS_PER_RADIAN * max(fastest, TINY)))
-    # A frequency that needs less than a microsecond is not resolved; the note has its value.
-    step = max(_round_down(wanted), _SHORTEST_S)
-    return step, (
-        f"integrator RK4 with steps of {step:g} s: springs and dampers are as fast as "
-        f"{fastest:.3g} rad/s (at the zero position)"
-    )
-
-
-def _rates(robot: Robot) -> np.ndarray:
-    """Return the eigenvalues [1/s] of the linearised robot at zero positions, without gravity."""
-    joints = linearised(robot, np.zeros(robot.n), range(robot.n))
-    drives = (robot.drives[joint] for joint in robot.joint_names)
-    parallel = np.diag([drive.values.get("parallel_stiffness", 0.0) for drive in drives])
-    joints = replace(
-        joints,
-        gravity=joints.motion.T @ parallel @ joints.motion,
-        # Unknown values are refused with their names when the drives are written.
-        inertia=np.nan_to_num(joints.inertia),
-        stiffness=np.nan_to_num(joints.stiffness),
-    )
-    inertia, damping, stiffness = joints.matrices()
-    # Links without inertia about a joint, or motors of inertia zero, would make M singular.
-    system = state_matrix(inertia + TINY * np.eye(len(inertia)), damping, stiffness)
-    return np.asarray(safely(np.linalg.eigvals, system, what="the time step", error=RobotError))
-
-
-def _round_down(step: float) -> float:
-    """Return the largest 1, 2 or 5 times a power of ten that does not exceed a step."""
-    power = 10.0 ** math.floor(math.log10(step) + 1e-9)
-    return float(f"{max(m for m in (1, 2, 5) if m * power <= step * (1 + 1e-9)) * power:g}")
-
-
 _SETTINGS_NOTE = (
     "joint limits are in the file but off (limited=false), contacts are off, and there are no "
     "shapes: let the viewer show inertias"
@@ -84,7 +42,7 @@ class WrittenMjcf(Display):
 
 @checked(RobotError)
 def write_mjcf(
-    found: Identification | Robot,
+    identified: Identification | Robot,
     path: str | Path,
     *,
     force: bool = False,
@@ -105,13 +63,14 @@ def write_mjcf(
 
     Parameters
     ----------
-    found : Identification or Robot
+    identified : Identification or Robot
     path : path
         The file to write.
     force : bool
         Whether to write the nearest valid body for one that is physically inconsistent.
     at_temperature_degC : float, optional
-        Temperature of the motors, for friction that depends on it. Default: that of reference.
+        Temperature of the motors, for friction that depends on it. Default: the reference
+        temperature of each drive.
 
     Returns
     -------
@@ -128,12 +87,12 @@ def write_mjcf(
 
     Examples
     --------
-    >>> found = seaid.identify(robot, log, feasible=True)
-    >>> seaid.write_mjcf(found, "leg.xml").notes
+    >>> result = seaid.identify(robot, log, feasible=True)
+    >>> seaid.write_mjcf(result, "leg.xml").notes
     """
     from lxml import etree
 
-    reference = found.robot if isinstance(found, Identification) else found
+    reference = identified.robot if isinstance(identified, Identification) else identified
     robot, path = reference.at_temperature(at_temperature_degC), Path(path)
     check_constant_ratios(robot, "a MuJoCo model")
     if not np.all(np.isfinite(robot.parameters)):
@@ -144,7 +103,7 @@ def write_mjcf(
     world = etree.SubElement(root, "worldbody")
     joints = add_bodies(robot, world, notes, force)
     parts = [etree.SubElement(root, part) for part in ("tendon", "actuator")]
-    step, step_note = step_s(robot)
+    step, step_note = _time_step(robot)
     option.set("timestep", repr(step))
     settings = _SETTINGS_NOTE if robot.base_is_held else _FLOATING_NOTE
     notes[:0] = [step_note, settings, *temperature_notes(reference, at_temperature_degC)]
@@ -156,6 +115,52 @@ def write_mjcf(
     etree.indent(root)
     write_whole(path, etree.tostring(root, encoding="utf-8", xml_declaration=True))
     return WrittenMjcf(path, tuple(notes))
+
+
+_LONGEST_S, _SHORTEST_S = 1e-3, 1e-6
+"""Longest and shortest time step [s] that is written."""
+
+_STEPS_PER_RADIAN = 20.0
+"""Time steps per radian of the fastest oscillation."""
+
+
+def _time_step(robot: Robot) -> tuple[float, str]:
+    """Return a time step [s] that resolves the fastest spring and damper, and a note about it."""
+    fastest = float(np.max(np.abs(_rates(robot)), initial=0.0))
+    # RK4 is stable up to |lambda| step = 2.8 or so; 1/20 is for the accuracy of the fastest mode.
+    wanted = min(_LONGEST_S, 1 / (_STEPS_PER_RADIAN * max(fastest, TINY)))
+    # A frequency that needs less than a microsecond is not resolved; the note has its value.
+    step = max(_round_down(wanted), _SHORTEST_S)
+    return step, (
+        f"integrator RK4 with steps of {step:g} s: springs and dampers are as fast as "
+        f"{fastest:.3g} rad/s (at the zero position)"
+    )
+
+
+def _rates(robot: Robot) -> np.ndarray:
+    """Return the eigenvalues [1/s] of the linearised robot at zero positions, without gravity."""
+    joints = linearised(robot, np.zeros(robot.n), range(robot.n))
+    drives = (robot.drives[joint] for joint in robot.joint_names)
+    parallel = np.diag([drive.values.get("parallel_stiffness", 0.0) for drive in drives])
+    joints = replace(
+        joints,
+        # `linearised` has gravity and parallel springs in one stiffness at the joints: here it is
+        # that of the parallel springs alone.
+        gravity=joints.motion.T @ parallel @ joints.motion,
+        # Unknown values are refused with their names when the drives are written.
+        inertia=np.nan_to_num(joints.inertia),
+        stiffness=np.nan_to_num(joints.stiffness),
+    )
+    inertia, damping, stiffness = joints.matrices()
+    # Links without inertia about a joint, or motors of inertia zero, would make M singular.
+    system = state_matrix(inertia + TINY * np.eye(len(inertia)), damping, stiffness)
+    return np.asarray(safely(np.linalg.eigvals, system, what="the time step", error=RobotError))
+
+
+def _round_down(step: float) -> float:
+    """Return the largest 1, 2 or 5 times a power of ten that does not exceed a step."""
+    power = 10.0 ** math.floor(math.log10(step) + 1e-9)
+    return float(f"{max(m for m in (1, 2, 5) if m * power <= step * (1 + 1e-9)) * power:g}")
 
 
 def _add_dependent(robot: Robot, root: Any, step: float, notes: list[str]) -> None:

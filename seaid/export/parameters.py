@@ -35,36 +35,36 @@ _FARTHEST_M = 1e9
 """Largest distance of a centre of mass; a larger one has a mass that is only rounding error."""
 
 
-def content_of(found: Identification, validation: Validation | None = None) -> dict[str, Any]:
+def content_of(result: Identification, validation: Validation | None = None) -> dict[str, Any]:
     """Return the content of `parameters.json` as plain data, with None for missing parts."""
     from seaid import __version__
     from seaid.identification import verdict_with
     from seaid.legged import whole_body
 
-    robot = found.robot
+    robot = result.robot
     bodies = zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
     content = {
         "format": _FORMAT,
         "robot": robot.name,
         "joints": robot.joint_names,
-        "drives": {joint: values_of(estimate) for joint, estimate in found.drives.items()},
-        "load": [{"expression": name, **value} for name, value in values_of(found.load).items()],
-        "base_columns": found.base.columns,
-        "grouping": found.base.grouping,
+        "drives": {joint: values_of(estimate) for joint, estimate in result.drives.items()},
+        "load": [{"expression": name, **value} for name, value in values_of(result.load).items()],
+        "base_columns": result.base.columns,
+        "grouping": result.base.grouping,
         "validation": {} if validation is None else validation.to_dict(),
-        "torques_used": found.model.torque_joints,
-        "method": {"name": found.method, "not_shared": found.not_shared},
-        "shared": [_shared(parameter) for parameter in found.shared],
-        "cutoff_hz": found.cutoff_hz,
-        "verdict": verdict_with(found, () if validation is None else [validation]),
-        "warnings": found.warnings,
+        "torques_used": result.model.torque_joints,
+        "method": {"name": result.method, "not_shared": result.not_shared},
+        "shared": [_shared(parameter) for parameter in result.shared],
+        "cutoff_hz": result.cutoff_hz,
+        "verdict": verdict_with(result, () if validation is None else [validation]),
+        "warnings": result.warnings,
         "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},
-        "whole_body": whole_body(found),
+        "whole_body": whole_body(result),
         "drive_tables": {joint: drive_table(drive) for joint, drive in robot.drives.items()},
-        "feasible": None if found.feasible is None else _feasible(found.feasible),
-        "checks": found.checks,
-        "excluded": found.excluded,
-        "processing": found.processing,
+        "feasible": None if result.feasible is None else _feasible(result.feasible),
+        "checks": result.checks,
+        "excluded": result.excluded,
+        "processing": result.processing,
         "seaid": __version__,
     }
     return {name: plain(value) for name, value in content.items()}
@@ -72,13 +72,13 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
 
 @checked(SeaidError)
 def write_parameters(
-    found: Identification, path: str | Path, validation: Validation | None = None
+    result: Identification, path: str | Path, validation: Validation | None = None
 ) -> None:
     """Write `parameters.json`, whole or not at all; `read_parameters` reads it.
 
     Parameters
     ----------
-    found : Identification
+    result : Identification
         The identified robot.
     path : path
         The file; an existing one is replaced.
@@ -92,10 +92,10 @@ def write_parameters(
 
     Examples
     --------
-    >>> found = seaid.identify(robot, log)
-    >>> seaid.write_parameters(found, "parameters.json")
+    >>> result = seaid.identify(robot, log)
+    >>> seaid.write_parameters(result, "parameters.json")
     """
-    write_json(path, content_of(found, validation))
+    write_json(path, content_of(result, validation))
 
 
 def _shared(shared: SharedParameter) -> dict[str, Any]:

@@ -101,7 +101,7 @@ class Randomization(Display):
 
 @checked(RobotError)
 def write_randomization(
-    found: Identification,
+    result: Identification,
     path: str | Path,
     *,
     level: float = 0.95,
@@ -116,7 +116,7 @@ def write_randomization(
 
     Parameters
     ----------
-    found : Identification
+    result : Identification
         The result of `identify` with feasible=True.
     path : path
         The file, .json.
@@ -143,13 +143,13 @@ def write_randomization(
 
     Examples
     --------
-    >>> found = seaid.identify(robot, log, feasible=True)
-    >>> for parameter in seaid.export.write_randomization(found, "ranges.json").unidentified:
+    >>> result = seaid.identify(robot, log, feasible=True)
+    >>> for parameter in seaid.export.write_randomization(result, "ranges.json").unidentified:
     ...     print(parameter.name, parameter.of, parameter.nominal, parameter.why)
     """
     path = Path(path)
     _check(path, level, spread)
-    cloud = _Cloud(found, level, spread)
+    cloud = _Cloud(result, level, spread)
     random = np.random.default_rng(seed)
     # Ranges of bodies are quantiles, and need many draws even if the file has few samples.
     draws = [cloud.draw(random) for _ in range(max(samples, _DRAWS if len(cloud.bodies) else 0))]
@@ -157,7 +157,7 @@ def write_randomization(
     made = Randomization(path, cloud.ranges(values), values[:samples])
     content = {
         "format": FORMAT,
-        "robot": found.robot.name,
+        "robot": result.robot.name,
         "level": level,
         "spread": spread,
         "seed": seed,

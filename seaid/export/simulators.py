@@ -105,7 +105,7 @@ class Format:
 
 @checked(RobotError)
 def write_model(
-    found: Identification | Robot,
+    identified: Identification | Robot,
     path: str | Path,
     format: FormatName | None = None,  # noqa: A002
     *,
@@ -117,7 +117,7 @@ def write_model(
 
     Parameters
     ----------
-    found : Identification or Robot
+    identified : Identification or Robot
     path : path
         The file to write.
     format : str, optional
@@ -145,8 +145,8 @@ def write_model(
 
     Examples
     --------
-    >>> found = seaid.identify(robot, log, feasible=True)
-    >>> written = seaid.write_model(found, "actuators.py", "isaaclab", time_step_s=0.005)
+    >>> result = seaid.identify(robot, log, feasible=True)
+    >>> written = seaid.write_model(result, "actuators.py", "isaaclab", time_step_s=0.005)
     >>> for finding in written.warnings:
     ...     print(finding.message, finding.remedy)
     """
@@ -155,7 +155,7 @@ def write_model(
         raise RobotError(
             f"time_step_s= must be more than zero and finite, found {time_step_s}", "time_step_s="
         )
-    reference = found.robot if isinstance(found, Identification) else found
+    reference = identified.robot if isinstance(identified, Identification) else identified
     robot = reference.at_temperature(at_temperature_degC)
     kind = FORMATS[format or by_suffix(path)]
     # The TOML has drives with unknown values as they are; every other format needs numbers.

@@ -211,7 +211,7 @@ class WrittenUrdf(Display):
 
 @checked(RobotError)
 def write_urdf(
-    found: Identification | Robot,
+    identified: Identification | Robot,
     path: str | Path,
     *,
     source: str | Path | None = None,
@@ -229,7 +229,7 @@ def write_urdf(
 
     Parameters
     ----------
-    found : Identification or Robot
+    identified : Identification or Robot
     path : path
         The URDF to write, another file than `source`.
     source : path, optional
@@ -254,11 +254,11 @@ def write_urdf(
 
     Examples
     --------
-    >>> found = seaid.identify(robot, log, feasible=True)
-    >>> seaid.write_urdf(found, "identified.urdf").drives
+    >>> result = seaid.identify(robot, log, feasible=True)
+    >>> seaid.write_urdf(result, "identified.urdf").drives
     PosixPath('identified.toml')
     """
-    robot = found.robot if isinstance(found, Identification) else found
+    robot = identified.robot if isinstance(identified, Identification) else identified
     return write_edited(robot, Path(path), source, force, at_temperature_degC)
 
 

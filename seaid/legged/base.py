@@ -267,22 +267,22 @@ class BodyValue:
         return bool(np.isfinite(self.value))
 
 
-def whole_body(found: Identification) -> tuple[BodyValue, ...]:
+def whole_body(identification: Identification) -> tuple[BodyValue, ...]:
     """Return mass and centre of mass of the robot in the middle of its motion, and of its base.
 
     Centres are in the frame of the base, payloads included. Empty for a fixed base.
     """
-    if not isinstance(found.robot, FloatingRobot):
+    if not isinstance(identification.robot, FloatingRobot):
         return ()
-    moments = _first_moments(found)
-    base = found.robot.body_names[-1]
+    moments = _first_moments(identification)
+    base = identification.robot.body_names[-1]
     alone = np.zeros_like(moments)
     # The base is the last body; its first four parameters are m, m x, m y, m z in its frame.
     alone[:, -10:-6] = np.eye(4)
     return tuple(
         value
         for name, rows in (("whole robot", moments), (base, alone))
-        for value in _mass_and_center(found, name, rows)
+        for value in _mass_and_center(identification, name, rows)
     )
 
 

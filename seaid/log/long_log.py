@@ -136,7 +136,7 @@ def open_long_log(
     Examples
     --------
     >>> log = seaid.open_long_log("day.parquet", robot, cutoff_hz=8.0)
-    >>> found = seaid.identify(robot, log)
+    >>> result = seaid.identify(robot, log)
     """
     if not MINIMUM_SAMPLES <= chunk_samples <= _MOST_SAMPLES:
         raise LogError(

@@ -210,7 +210,7 @@ def load_project(path: str | Path = PROJECT_FILE) -> Project:
     >>> project = seaid.load_project()
     >>> robot = project.robot()
     >>> logs = [log.read(robot) for log in project.logs_for("identify")]
-    >>> found = seaid.identify(robot, logs)
+    >>> result = seaid.identify(robot, logs)
     """
     path = Path(path)
     file = path / PROJECT_FILE if path.is_dir() else path
