@@ -37,8 +37,8 @@ from seaid.drives.terms import (
     harmonics_of,
     is_transmission_error,
     key_of,
-    of_spring,
     parameter_named,
+    spring_parameters,
 )
 from seaid.errors import RobotError, check_name, shortened, shown
 
@@ -470,7 +470,7 @@ class _Parameters(Display):
         nominal = dict(self.nominal)
         if self.gear_compliance or self.harmonics:
             # New values are between the encoders, as in the equations; fields are of the spring.
-            values = of_spring({**self.values, **values}, self.gear_compliance)
+            values = spring_parameters({**self.values, **values}, self.gear_compliance)
         for name, value in values.items():
             field = _field_of(self, name)
             if field is None:

@@ -31,10 +31,11 @@ viscous b_L q' and coulomb c_L sign(q').
 
 `motor_input`, the logged quantity: torque; current, with torque = torque constant * current;
 voltage, with torque = voltage constant * voltage (the viscous friction then contains the back-EMF).
-The constants are unknown parameters. position_command and velocity_command: the drive's
-`controller` gives the torque, whose commands act after the delay T, tau_M - T tau_C' with their
-part of it, tau_C = (K_p u + K_v w + f) / N; where the gains are known up to scale, this times the
-gain scale s_K, an unknown parameter.
+The constants are unknown parameters. With position_command and velocity_command the drive's
+`controller` gives the torque. Its commands (u of the position, w of the velocity, f of the torque)
+give the part tau_C = (K_p u + K_v w + f) / N of the motor torque tau_M, and act after the unknown
+delay T_C: to first order the torque is tau_M - T_C tau_C'. Where the gains are known up to scale,
+it is this times the gain scale s_K, an unknown parameter.
 
 Periodic errors: the transmission error of the gear [rad, or m of a linear spring] adds to the
 deflection that the encoders show; the spring force sees k times that, which is linear in its
@@ -60,10 +61,10 @@ class Parameter:
     """A parameter of a drive: its symbol and unit, and whether it cannot be negative.
 
     In `unit`, F and L are force and length of the spring (N and m, or N m and rad), P and Q those
-    of the joint. A parameter in which the equations are nonlinear has `starts` of its search, in
-    units of the largest motor speed (rad/s), of the duration of the longest log (s), or of half the
-    range of motor angle (rad) or deflection (L). The equations are divided by a parameter that
-    `is_divisor`.
+    of the joint. A parameter in which the equations are nonlinear has `starts`, the values from
+    which its search starts. They are multiples of a size of the data: of the largest motor speed
+    (rad/s), of the duration of the longest log (s), or of half the range of the motor angle (rad)
+    or of the deflection (L). The equations are divided by a parameter that `is_divisor`.
     """
 
     symbol: str
@@ -147,7 +148,7 @@ def key_of(name: str, unit: str) -> str:
 
 
 MOTOR_CONSTANTS = {"current": "torque_constant", "voltage": "voltage_constant"}
-"""{input of a motor: its constant}; the torque that a voltage drives the current of is viscous."""
+"""{input of a motor: its constant}; a voltage has its back-EMF in the viscous friction."""
 
 PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
     "friction": {
@@ -196,7 +197,7 @@ LEVEL_OF = {
     for term, names in PARAMETERS_OF["friction"].items()
     if any(PARAMETERS[name].starts for name in names)
 }
-"""{nonlinear friction term: the parameter that multiplies the slopes of its other parameters}."""
+"""{nonlinear friction term: its level, the parameter that multiplies the term's function}."""
 
 MotorInput = Literal["torque", "current", "voltage", "position_command", "velocity_command"]
 """Values of `motor_input=`, with their parameters in `PARAMETERS_OF`."""
@@ -323,7 +324,7 @@ def is_transmission_error(name: str) -> bool:
     return name.startswith("transmission_error")
 
 
-def of_spring(values: Mapping[str, Any], compliance: float) -> dict[str, Any]:
+def spring_parameters(values: Mapping[str, Any], compliance: float) -> dict[str, Any]:
     """Return parameters {name: value} between the encoders as those of the spring alone.
 
     Raises RobotError if the gear is softer than gear and spring together.
@@ -343,10 +344,10 @@ def of_spring(values: Mapping[str, Any], compliance: float) -> dict[str, Any]:
 
 
 def spring_slopes(values: Mapping[str, float], compliance: float) -> dict[str, dict[str, float]]:
-    """Return {name: {other: slope}}, the derivatives of `of_spring`, by a complex step."""
+    """Return {name: {other: slope}}, the derivatives of `spring_parameters`, by a complex step."""
     step, slopes = 1e-30, {name: dict[str, float]() for name in values}
     for other in values:
-        moved = of_spring({**values, other: values[other] + 1j * step}, compliance)
+        moved = spring_parameters({**values, other: values[other] + 1j * step}, compliance)
         for name, value in moved.items():
             if value.imag:
                 slopes[name][other] = value.imag / step

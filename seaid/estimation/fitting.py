@@ -336,7 +336,8 @@ def stored_estimate(
     qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
     weights = weigh(qr_factor)
     solution = solve(qr_factor, weights)
-    # A second pass with the propagated columns; the scores need their fit, hence a third one.
+    # A second pass with the propagated columns in H finds the noise: the residual without the
+    # errors that they propagate. A third pass sums its scores by instant.
     numbered = (
         replace(with_propagated(rows, propagated), run=np.full(len(rows.y), log))
         for log, rows in stored.pieces(change)
@@ -351,6 +352,8 @@ def stored_estimate(
         _scores(pieces, stored.spans[log][0], stored.steps_s[log], factors)
         for log, pieces in stored.logs(change)
     )
+    # Of few instants all rows fit into memory: the covariance then allows for the part of the noise
+    # that the fit removed, and for drifts.
     whole = _whole(stored, change) if stored.instants <= MOST_INSTANTS else None
     remaining = None if whole is None else left_of(whole, weights, qr_factor, solution)
     spread = long_run(scores, stored.instants)
@@ -391,13 +394,14 @@ Rows = Union["Regression", StoredRows]
 
 @dataclass(frozen=True, eq=False)
 class FittedRows:
-    """An estimate with its QR factor, and the rows as it weights them if they are in memory.
+    """An estimate with its QR factor, and its rows where they are in memory.
 
-    `settled` are the converged weights (E,) of the equations, if the estimate has used them;
-    `equal` says whether it has weighted all of them equally. `change` returns plain rows with the
-    weights of the estimate and the columns to which its residual is orthogonal; the values of the
-    estimate are P x + c of those of least squares x with a `constraint` P (p, p), c (p,); `shared`
-    are the parameters that several drives share.
+    `rows` are weighted as a robust estimate weights them; `propagated` is the covariance (s, s) of
+    the propagated parameters. `settled` are the converged weights (E,) of the equations, None if
+    the estimate did not use them; `equal` says that it weighted all equations equally. `change`
+    takes plain rows to those of the estimate: with its weights, and the columns to which its
+    residual is orthogonal. With a `constraint` P (p, p), c (p,) the values are P x + c of those of
+    least squares x. `shared` are the parameters that several drives share.
     """
 
     estimate: Estimate
@@ -453,13 +457,14 @@ class FittedRows:
 def with_further_columns(
     fit: FittedRows, columns: Array, counts: Callable[[Array], bool]
 ) -> Estimate | None:
-    """Return a fit with further columns (R, k) of y, the last k parameters.
+    """Return the estimate of a fit with further parameters x, its last k ones, or None.
 
-    None if it has none, or if their values do not count.
+    They have the `columns` (R, k) on the side of y: y + columns x = H theta. None if they are
+    unidentifiable, or if `counts` of their values (k,) is false.
     """
     assert fit.rows is not None
     k = columns.shape[1]
-    # y + columns k = H theta: on the side of theta the columns are negative.
+    # y + columns x = H theta: on the side of theta the columns are negative.
     names = [f"further {place}" for place in range(k)]
     rows = fit.rows.with_columns(names, k * [""], -columns)
     try:

@@ -55,18 +55,19 @@ _SAFE = 0.985
 _SCENE_REACH_M = 0.1
 """Distance [m] beyond the clearance at which a pair uses nothing of its limit."""
 
-_INSTANTS = 10
-"""Consecutive instants that share a constraint, that of the worst one."""
+_WINDOW = 10
+"""Consecutive instants of which a limit has one constraint, at the worst of them."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlanningProblem:
-    """Minimise a criterion over x (n k,), within limits.
+    """Minimise a criterion over the free variables x (n k,), k of each of n joints, within limits.
 
-    With `maps`, 3 matrices M of (T, k), and `start_states` (3, T, n), position, velocity and
-    acceleration of joint j at `time` (T,) are start_j + half_range_j (M x_j). It keeps its linear
-    limits at every instant if |rows[j] x_j + offset[j]| <= 1; `rows` are (n, g, c, k). In a
-    `stance` the n joints are its planned coordinates, those of the base first.
+    `maps` are 3 matrices M (T, k) and `start_states` is (3, T, n), for position, velocity and
+    acceleration: those of joint j at `time` (T,) are start_j + half_range_j (M x_j). The linear
+    limits hold at every instant if |rows[j] x_j + offset[j]| <= 1, with `rows` (n, g, c, k) in g
+    groups of c consecutive ones. In a `stance` the n joints are its planned coordinates, those of
+    the base first.
     """
 
     target: Target
@@ -224,7 +225,7 @@ def nonlinear_use(problem: PlanningProblem, x: Array) -> tuple[Array, Array]:
     if problem.scene is not None:
         parts.append(_scene_use(problem, problem.scene, states))
     if problem.stance is not None:
-        instants = range(0, len(problem.time), _INSTANTS)
+        instants = range(0, len(problem.time), _WINDOW)
         parts.append(
             problem.stance.worst_shares(states, instants, problem.maps, problem.space.half_range)
         )
@@ -276,15 +277,19 @@ def random_start(problem: PlanningProblem, rng: np.random.Generator) -> Array:
 def _drive_use(
     problem: PlanningProblem, limits: DriveLimits, states: States
 ) -> tuple[Array, Array]:
+    """Return the used shares (L b,) of L limits on drives in b blocks of instants, and derivatives.
+
+    The derivatives are (L b, n, k). Each share is that of the worst instant of its block.
+    """
     loads = drive_loads(limits, problem.time, states)
     # (L, 2): kind and joint of each limit; then its worst instant in every block of ten, (L b,)
     limited = np.argwhere(np.isfinite(limits.largest))
-    starts = np.arange(0, len(problem.time), _INSTANTS)
+    starts = np.arange(0, len(problem.time), _WINDOW)
     kinds, joints = (np.repeat(column, len(starts)) for column in limited.T)
     largest = limits.largest[tuple(limited.T)][:, None]
     used = np.abs(loads[limited[:, 0], :, limited[:, 1]]) / largest
     instants = np.concatenate(
-        [start + used[:, start : start + _INSTANTS].argmax(axis=1)[:, None] for start in starts], 1
+        [start + used[:, start : start + _WINDOW].argmax(axis=1)[:, None] for start in starts], 1
     ).ravel()
     picked = (kinds, instants, joints)
     gradient = drive_load_gradient(limits, problem.time, states, loads, picked, problem.maps)
@@ -295,10 +300,14 @@ def _drive_use(
 
 
 def _scene_use(problem: PlanningProblem, scene: Scene, states: States) -> tuple[Array, Array]:
+    """Return the used shares (b,) of the distance limit in b blocks of instants, and derivatives.
+
+    The derivatives are (b, n, k), by the nearest pair at the worst instant of each block.
+    """
     far = distances(scene, states[0], cap_m=_cap(scene))
-    starts = np.arange(0, len(problem.time), _INSTANTS)
+    starts = np.arange(0, len(problem.time), _WINDOW)
     instants = np.array(
-        [start + int(far[start : start + _INSTANTS].min(axis=1).argmin()) for start in starts]
+        [start + int(far[start : start + _WINDOW].min(axis=1).argmin()) for start in starts]
     )
     near, slopes = distance_gradients(scene, states[0][instants], cap_m=_cap(scene))
     closest = near.argmin(axis=1)

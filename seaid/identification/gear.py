@@ -15,7 +15,7 @@ import numpy as np
 
 from seaid._arrays import FrozenMapping
 from seaid.drives import ParameterName, SeriesElasticDrive, unit_of
-from seaid.drives.terms import is_harmonic, of_spring, spring_slopes
+from seaid.drives.terms import is_harmonic, spring_parameters, spring_slopes
 from seaid.errors import IdentificationError
 from seaid.estimation import fit
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
@@ -140,7 +140,7 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
     values = estimate.by_name
     if "stiffness" in drive.known:
         values.setdefault("stiffness", drive.values["stiffness"])
-    spring_values = of_spring(values, drive.gear_compliance)
+    spring_values = spring_parameters(values, drive.gear_compliance)
     slopes = spring_slopes(values, drive.gear_compliance)
     # Delta method, d (own values) / d (values between the encoders).
     J = np.array([[slopes[row].get(column, 0.0) for column in names] for row in names])

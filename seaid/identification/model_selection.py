@@ -62,8 +62,9 @@ _NOT_COMPARED = {
     "friction": ("viscous", "coulomb", "shifted_coulomb", *BY_TEMPERATURE, *WARM_UP),
     "spring": ("linear", "fifth", "preload"),
 }
-"""Terms of the usual drive, those for which another one stands in a comparison, and those of
-temperature and time, which are compared where the logs have the one and enough of the other."""
+"""Terms that are not compared unasked: those of the usual drive, those that another term stands for
+in a comparison, and those of temperature and time, for which `compare_terms` needs logs with a
+temperature, or logs that are long enough."""
 
 LEAST_WARM_UP_S = 60.0
 """Shortest log in which a warm-up is looked for unasked: windings take a minute, housings and
@@ -187,7 +188,7 @@ def backlash_findings(
 ) -> Iterator[Finding]:
     """Yield the backlash of drives whose springs look `weak`; a finer cutoff shows its corners.
 
-    Of simulated joints with backlash 12 of 12 have it, of 100 others with weak springs none.
+    In simulation it names 12 of 12 joints with backlash, and none of 100 others with weak springs.
     """
     for joint in weak if robot.base_is_held else ():
         if {*DEAD_ZONES, "dahl"} & {*robot.drives[joint].spring}:
@@ -280,13 +281,13 @@ def _with_backlash(
     count: int,
     comparisons: list[TermComparison],
 ) -> _Model:
-    """Return the model with a dead zone of an elastic drive, at the cutoff for its corners.
+    """Return the model with the dead zone of an elastic drive, if its corners support one.
 
-    Only where its spring has no dead zone and no hysteresis yet, as at the cutoff of the motion:
-    next to bouncing teeth a dead zone explains a tenth of the residual there. Laws of hysteresis
-    are not compared again: the noise of the deflection of a stiff contact, which grows with the
-    cutoff, looks like one. `finer` are the motions at that cutoff, reconstructed where they are
-    first used.
+    Where teeth bounce, a dead zone explains only a tenth of the residual at the cutoff of the
+    motion, and may have been missed. It is compared again at the higher cutoff for corners, if the
+    spring has no dead zone and no hysteresis yet. Laws of hysteresis are not compared again: the
+    noise of the deflection of a stiff contact, which grows with the cutoff, looks like one. `finer`
+    are the motions at that cutoff, reconstructed where they are first used.
     """
     drive = model.robot.drives[joint]
     fields = {"spring": [term for term in asked.get("spring", ()) if term in DEAD_ZONES]}
@@ -335,7 +336,10 @@ class _Model:
         return with_torques(self.robot, self.motions, self.used)
 
     def side(self, joint: str, at_motor: bool) -> Side | None:
-        """Return the equation of a joint's motor, or that of the joint; None without."""
+        """Return the side with the equation of a joint: (7) `at_motor` of a spring, else (8).
+
+        None for a joint without a torque on the load side.
+        """
         robot = self.robot
         if at_motor and joint in robot.elastic_joints:
             rows = stacked([actuator_regression(robot, x, joint) for x in self.motions])
@@ -448,12 +452,12 @@ MOST_ROUNDS = 4
 def with_default_terms(
     robot: Robot, nominal: Robot, selected: Sequence[SideSelection]
 ) -> tuple[Robot, Robot, list[Finding]]:
-    """Return the robot and the nominal one, that before a search, with the `DEFAULTS` in support.
+    """Return the robot and the nominal one with supported `DEFAULTS`, and a note on each term.
 
-    Only drives whose friction nobody named get them, with a note on each. An offset is added if the
-    data support it, smooth Coulomb friction only if it is the best supported trial of its joint,
-    its width as a known value. Trials of other terms compete to be the best, and do not count in
-    the penalty.
+    `nominal` is the robot before the search of nonlinear values. Only drives whose friction nobody
+    named get terms. An offset is added if the data support it, smooth Coulomb friction only if it
+    is the best supported trial of its joint; its width is then a known value. Trials of other terms
+    compete to be the best, and do not count in the penalty.
     """
     of_joint = _trials_without_named_friction(robot, selected)
     # Every default term is tried at each drive.

@@ -79,12 +79,13 @@ def offset_lever(robot: Robot, joint: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class KnownErrors:
-    """The errors (k,) of what was given as known.
+    """The errors (k,) of what was given as known, and how the values of the fits depend on them.
 
-    `slopes` {equation: (p, k)} are the derivatives of the values of its fit by them, those of the
-    load side after the derivatives by the springs, and `levers` {joint: (k,)} the relative
-    derivatives of N / r_M. `fit` is that of the load side, in whose noise the last `beside_noise`
-    of them are not.
+    `slopes` {equation: (p, k)} are the derivatives of the values of a fit by the errors; those of
+    the load side follow its derivatives by the springs. `levers` {joint: (k,)} are the relative
+    derivatives of N / r_M. `fit` is a fit of the load side whose rows propagate the last
+    `beside_noise` errors, those of encoder offsets, so that they are no noise of its residual;
+    None: there is no such fit.
     """
 
     errors: Estimate
@@ -105,14 +106,14 @@ EXACT = KnownErrors(independent_errors({}))
 
 @dataclass(frozen=True, eq=False)
 class FitsInTurn:
-    """The fits of the motor equations (7) by joint, then of the `load` side (8).
+    """The fits of the motor equations (7), `motors` {joint: fit}, then of the `load` side (8).
 
-    `springs` are the joints whose spring gives the torque on the load. The motors of the joints in
-    `constants` {joint: name} were fitted for a motor constant of 1; that of a joint in `by_sensor`
-    {joint: fit of its spring (4b)} follows from the torque sensor behind it, those of others are
-    parameters of the fit `by_load` of (8). `refit` returns the fit of (8) from rows that propagate
-    errors of a covariance (k, k) besides those of the springs; None: noise and errors are one. Both
-    sides at once are the `load` alone.
+    `springs` are the joints whose spring gives the torque on the load. `constants` {joint: name}
+    are unknown motor constants: (7) of these joints was fitted for a constant of 1. `by_sensor`
+    {joint: fit of its spring (4b)} determines constants by the torque sensor behind the spring;
+    `by_load`, a fit of (8), has the others among its parameters. `refit` fits (8) again from rows
+    that propagate further errors, of a covariance (k, k), next to those of the springs; None: these
+    errors stay in the noise. Where both sides were fitted at once, `load` is the only fit.
     """
 
     robot: Robot
@@ -233,7 +234,9 @@ class FitsInTurn:
         assert load is not None
         drives, covariance = self._drives(known), load.estimate.covariance
         slopes = known.slopes.get(LOAD, load.sensitivity[:, : len(names)])
-        # The errors of what was propagated are in the covariance of the fit; what remains is noise.
+        # The covariance of the fit contains the errors that its rows propagate: those of the
+        # springs, and the last ones of `known.fit`. Without them it is that of the noise, to which
+        # `with_further` adds all errors again by their slopes.
         last = slopes.shape[1] - known.beside_noise * (known.fit is not None)
         among = np.hstack([slopes[:, : len(names)], slopes[:, last:]])
         if m := among.shape[1]:
@@ -270,7 +273,7 @@ class FitsInTurn:
                 continue
             place, lever = whole.names.index(name), offset_lever(self.robot, joint)
             parameters = enumerate(whole.names)
-            offsets = [k for k, x in parameters if (x.quantity, x.owner) == (_OFFSET, joint)]
+            offsets = [i for i, x in parameters if (x.quantity, x.owner) == (_OFFSET, joint)]
             slopes[offsets, place] = -lever
             values[offsets] -= lever * values[place]
             if k:  # (8) determines b_0 N/r_M: for a larger lever b_0 is smaller.
@@ -338,14 +341,14 @@ class SensorErrors(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RobotEstimate:
-    """Estimates of both sides of the springs.
+    """Estimates of both sides of the springs, and the fits that they are from.
 
-    `load_side` are the columns of `model`, and `springs` {joint: parameters} those whose torque is
-    that on the load; `checks` and `excluded` by joint, and "load" for the load side. `fits` are
-    those of both sides in turn, `fit` that of (8); sides that were estimated at once have that fit
-    alone, of which `whole` is the estimate. `findings` are about the way to the estimates, and
-    `not_shared` is why the data do not support an estimate of both sides at once, whose rows
-    `regress` returns.
+    `drives` and `load_side` are the values of the motor equations and of the columns of `model`.
+    `springs` {joint: parameters} are the springs whose torque is that on the load. `excluded` rows
+    and `checks` are by joint, and "load" for the load side. `fits` are those of both sides in turn,
+    `fit` is that of (8). Where both sides were estimated at once, `fit` has both and `whole` is its
+    estimate; `regress` returns its rows. `not_shared` is the reason why the data do not support an
+    estimate of both sides at once, "" without one. `findings` are about the way to the estimates.
     """
 
     model: LoadModel

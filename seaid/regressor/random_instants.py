@@ -44,7 +44,7 @@ Signals = dict[sp.Symbol, Any]
 """{symbol: its values}, each a number or (T,)."""
 
 SumRows = tuple[IndexArray, Array]
-"""The rows (T, k) of a sum of equations, and the columns (k,) in which they are not zero."""
+"""(columns (k,) that are not zero, rows (T, k) in these columns) of a sum of equations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,17 +74,17 @@ def random_truth(system: System, rng: np.random.Generator) -> Truth:
 def rows_of_sums(
     system: System, truth: Truth, rng: np.random.Generator, count: int, payload: Array | None = None
 ) -> list[SumRows]:
-    """Return the derivatives of each sum of equations by the unknown parameters.
+    """Return the derivatives by the unknown parameters, for each of the system's `sums`.
 
-    The `count` instants are free or, with the known parameters `payload` (10N,), those of a true
-    motion.
+    A sum of equations has no unknown torque. The `count` instants are free or, with the known
+    parameters `payload` (10N,), those of a true motion.
     """
     Y, drives = _instants(system, truth, rng, count, payload)
     starts = np.cumsum([Y.shape[2], *(len(drive.unknowns) for drive in system.terms)])
     slopes = {
         e: _slopes(system.equations[e], system.terms, drives, starts.tolist()) for e in system.used
     }
-    rows, felt = [], Y.any(axis=0) & ~system.robot.is_known  # known bodies have no column
+    rows, has_effect = [], Y.any(axis=0) & ~system.robot.is_known  # known bodies have no column
     for sums in system.sums:
         factors = np.zeros(system.robot.n)
         values: dict[int, Array] = {}
@@ -95,7 +95,7 @@ def rows_of_sums(
             for column, slope in slopes[e].items():
                 values[column] = values.get(column, np.zeros(count)) + number(factor) * slope
         loads = np.flatnonzero(factors)
-        seen = np.flatnonzero(felt[loads].any(axis=0))
+        seen = np.flatnonzero(has_effect[loads].any(axis=0))
         bodies = np.einsum("tjm,j->tm", Y[:, loads[:, None], seen], factors[loads])
         of_drives = sorted(column for column, value in values.items() if value.any())
         parts = [bodies, *(values[column][:, None] for column in of_drives)]
@@ -216,7 +216,7 @@ def _motor_torques(drive: DriveTerms, signals: Signals, load: Array) -> Signals:
     tau, current, voltage = (plain(name) for name in MOTOR_SIGNALS.values())
     load = load + _value(drive.joint, signals)
     found: Signals = {plain("tau_G"): load}
-    # The motor equation is written with one sensor, of which the torque is no function.
+    # (7): torque = motor + share * load. `motor` is without the signal of the motor's own sensor.
     torque = number(drive.share) * load + _value(drive.motor, {**signals, **found})
     found[tau] = torque
     for constant in (K_t, s_K):
@@ -228,12 +228,15 @@ def _motor_torques(drive: DriveTerms, signals: Signals, load: Array) -> Signals:
     return found
 
 
-_FELT = 1e-9
-"""Part of a torque by which it changes at least with a motion on which it depends."""
+_LEAST_CHANGE = 1e-9
+"""Least change of a torque, over its largest value, that counts as a dependence on a motion."""
 
 
 def dependencies(robot: Robot, seed: int) -> BoolArray:
-    """Return which torques (n,) of random bodies change with the motion of which joints (n,)."""
+    """Return whether the torque of joint i depends on the motion of joint k, as a matrix (n, n).
+
+    The bodies are random; entry [i, k] compares the torque i with and without another motion of k.
+    """
     n, rng = robot.n, np.random.default_rng(seed)
     bodies = rng.uniform(0.5, 1.5, robot.parameters.size)
     (q, v, a), others = (random_states(robot, seed + draw, count=n + 1) for draw in range(2))
@@ -244,4 +247,4 @@ def dependencies(robot: Robot, seed: int) -> BoolArray:
     )
     torques = joint_torques(robot.with_values(bodies, robot.drives), q, v, a)
     apart = np.abs(torques[1:] - torques[0])
-    return np.asarray(apart > _FELT * np.abs(torques).max(axis=0)).T
+    return np.asarray(apart > _LEAST_CHANGE * np.abs(torques).max(axis=0)).T

@@ -34,13 +34,13 @@ def transmission_matrix(joints: Sequence[str], drives: Mapping[str, Drive]) -> A
 
 
 def check_transmission(
-    joints: Sequence[str], drives: Mapping[str, Drive], others: Collection[str]
+    joints: Sequence[str], drives: Mapping[str, Drive], immobile: Collection[str]
 ) -> None:
-    """Raise RobotError for factors on `others` (joints that do not move), or a singular matrix."""
+    """Raise RobotError for factors on joints that are `immobile`, or for a singular matrix."""
     for joint in joints:
         for name in drives[joint].transmission:
             where = f"joint '{joint}': the transmission of its drive"
-            if name in others:
+            if name in immobile:
                 raise RobotError(
                     f"{where} has a factor on '{name}', which does not move here (fixed, or locked "
                     "at zero): let it move with joints=, or remove the factor",

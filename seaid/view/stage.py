@@ -1,6 +1,7 @@
-"""Stage: a picture in a viser scene, whose meshes hang on one frame per joint.
+"""Stage and Figure: the shapes of a robot as meshes of a viser scene, on one frame per joint.
 
-A server and a picture come in. A robot moves by the poses of its frames alone.
+A viser server and a `Picture` come in. The scene then has the robot and a ghost of it, and poses of
+the joints' frames move them: no mesh is sent again.
 """
 
 from __future__ import annotations
@@ -66,7 +67,8 @@ class Figure:
 class Stage:
     """The robot of a picture, and a ghost in orange for a motion to compare with.
 
-    `groups` {name: nodes} are those of the picture, and the "names" of its joints.
+    `groups` {name: nodes} has a group of nodes for each group of the picture's shapes, and the
+    labels "names" of its joints. The group "joints" has one drum per joint, in their order.
     """
 
     def __init__(self, server: Any, picture: Picture) -> None:
