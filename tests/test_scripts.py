@@ -129,12 +129,10 @@ SHORT_FORMS = {
     "benchmarks/static_calibration.py": ("--draws 10",),
     "benchmarks/temperature.py": ("--quick --draws 1", "--quick --draws 1 --warm-up"),
     "benchmarks/term_selection.py": ("--quick --draws 1", "--quick --draws 1 --findings"),
-    "benchmarks/two_step_or_simultaneous.py": (
-        "--quick --runs 1",
-        "--quick --runs 1 --mistakes",
-    ),
+    "benchmarks/two_step_or_simultaneous.py": ("--quick --runs 1", "--quick --runs 1 --mistakes"),
     "benchmarks/unseen_plants.py": ("--quick --seeds 1",),
     "coverage.py": ("--quick --experiments 1 --others 1 --jobs 1 --output OUT",),
+    "cross_check.py": ("--only kinova --output OUT",),
     "design_excitation.py": (
         "ROOT/tests/data/mixed_arm.urdf ROOT/tests/data/mixed_arm.toml --ends-in-motion "
         "--duration 4 --starts 1 --iterations 3 --output OUT",
@@ -142,6 +140,7 @@ SHORT_FORMS = {
     "design_table.py": ("--quick --draws 1 --only rate",),
     "gallery.py": ("excitation --output OUT",),
     "gauntlet.py": ("--quick --only 'tilted by 20' --workers 1 --output OUT",),
+    "identifiability.py": ("ROOT/models/tulip_leg.urdf ROOT/models/tulip_leg.toml",),
     "identify_biped.py": ("--duration 2 --output OUT",),
     "identify_philips_arm.py": ("--quick --output OUT",),
     "look.py": ("--quick --output OUT",),
@@ -156,10 +155,8 @@ All others, but for those in RUN_ELSEWHERE, have the short form `--quick`.
 """
 RUN_ELSEWHERE = {
     "claims.py": "tests/test_claims.py",
-    "cross_check.py": "tests/regressor/test_base.py",
     "fuzz.py": "tests/test_scripts.py",
     "golden.py": "tests/test_golden.py",
-    "identifiability.py": "tests/regressor/test_structural_identifiability.py",
     "identify_tulip_leg.py": "tests/test_scripts.py",
     "notebook.py": "tests/test_documents.py",
     "pages.py": "tests/test_documents.py",

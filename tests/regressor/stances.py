@@ -12,8 +12,9 @@ import pinocchio as pin
 from scipy.linalg import block_diag, null_space
 
 from seaid._arrays import Array, BoolArray
+from seaid.regressor import BaseParameters, rigid_body_regressor
 from seaid.robot import HANGING, Contact, Robot
-from seaid.symbolic import ExactBaseParameters
+from tests.plants import states
 
 _MORE_ROWS, _OF_BRANCH = 12, 6
 """Rows beyond the number of parameters, and the most rows of an instant that show a branch of the
@@ -37,12 +38,18 @@ def columns_of_stances(
     return tuple((pivot - 10) % H.shape[1] for pivot in leftmost(H))
 
 
-def check_floating(exact: ExactBaseParameters, robot: Robot) -> None:
-    """Check exact base parameters of a floating base: columns and grouping, by rows in flight."""
-    H = rows_of_stances(robot, [()])
-    assert exact.columns == tuple(leftmost(H))
+def check_base(base: BaseParameters, H: Array) -> None:
+    """Check columns and grouping of base parameters by rows (R, m) at random states."""
+    assert base.columns == tuple(leftmost(H))
     scale = np.max(np.abs(H))
-    np.testing.assert_allclose(H[:, exact.columns] @ exact.grouping, H, atol=1e-9 * scale)
+    np.testing.assert_allclose(H[:, base.columns] @ base.grouping, H, atol=1e-9 * scale)
+
+
+def rows_of_torques(robot: Robot, joints: Sequence[str]) -> Array:
+    """Return the rows (R, m) of the torques of some joints of a robot on a fixed base."""
+    q, v, a = states(robot.n, 12 * robot.n + 12)
+    Y = rigid_body_regressor(robot, 2 * q, v, a)[:, [robot.index(joint) for joint in joints]]
+    return Y.reshape(-1, Y.shape[-1])
 
 
 def rows_of_stances(

@@ -106,7 +106,6 @@ def test_truth_times_the_load_regressor_is_the_torque_without_the_payload(
 
 
 def test_carried_is_the_derivative_by_the_springs(motion: Motion, model: LoadModel) -> None:
-    """By finite differences of the torques of the springs."""
     springs = true_springs(LEG)
     rows = load_regression(LEG, motion, model, springs)
     assert rows.propagated.shape == (len(rows.y), 6)
@@ -200,7 +199,6 @@ def test_instants_beside_a_stop_are_left_out_with_it() -> None:
 
 
 def test_stacked_keeps_the_runs_apart(motion: Motion) -> None:
-    """Logs with other sensors are refused."""
     rows = actuator_regression(LEG, motion, "knee_pitch")
     both = stacked([rows, rows])
     assert both.run.tolist() == [0.0] * len(rows.y) + [1.0] * len(rows.y)
@@ -214,7 +212,6 @@ def test_stacked_keeps_the_runs_apart(motion: Motion) -> None:
 
 
 def test_missing_torques_and_springs_are_named(motion: Motion, model: LoadModel) -> None:
-    """The joints of rows that cannot be made."""
     nothing = np.full_like(motion.motor_torque, np.nan)
     blind = replace(motion, motor_torque=nothing, joint_torque=nothing)
     with pytest.raises(LogError, match="elastic joint 'knee_pitch' has no torque in the log"):

@@ -1,7 +1,5 @@
 """Which sensors tell what: by hand, by laws, and against base parameters."""
 
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -99,7 +97,6 @@ def test_pendulum_by_hand(
     up_to_a_factor: set[str],
     write_chain: Chain,
 ) -> None:
-    """What is determined alone, up to a common factor, and not at all."""
     robot = pendulum(write_chain, **options)
     found = identifiability(robot, sensors)
     assert found.agree
@@ -274,12 +271,8 @@ These counts are those of the same equations modulo a prime, which has no roundi
 @pytest.mark.filterwarnings("ignore::seaid.SeaidWarning")
 @pytest.mark.parametrize(("name", "mimics", "counts"), quick_first(ROBOTS))
 def test_counts_are_those_without_rounding(
-    name: str,
-    mimics: bool,
-    counts: list[tuple[int, int]],
-    example_path: Callable[[str], Path],
+    name: str, mimics: bool, counts: list[tuple[int, int]], example_path: Callable[[str], Path]
 ) -> None:
-    """Robots of several kinds with drives of several kinds, by several sets of sensors."""
     robot = with_springs(example_path(name), independent_mimics=mimics)
     answers = [identifiability(robot, sensors) for sensors in SETS]
     assert [(found.rank, sum(map(len, found.ratios))) for found in answers] == counts
@@ -289,7 +282,6 @@ def test_counts_are_those_without_rounding(
 
 
 def test_coupled_drives(write_chain: Chain) -> None:
-    """A sum and a difference of two joints, with all sensors and with some."""
     plain = {"type": "stiff", "gear_ratio": 50.0, "motor_inertia_kg_m2": 1e-5}
     drives = {
         "b": {**plain, "transmission": {"b": 0.5, "c": 0.5}},
@@ -392,7 +384,6 @@ def test_more_sensors_never_tell_less_and_both_ranks_agree(
 
 
 def test_table_says_all_of_it(write_chain: Chain) -> None:
-    """Counts, factors, equations that cannot be used, and the agreement of both ranks."""
     text = str(identifiability(pendulum(write_chain), BOTH))
     assert "14 parameters, of which the sensors determine 4 combinations" in text
     assert "Up to scale: 5" in text
@@ -413,33 +404,16 @@ def test_table_says_all_of_it(write_chain: Chain) -> None:
         (("motor_torqe",), r"'hip_yaw'.* 'motor_torqe'; did you mean 'motor_torque'"),
         ({"knee_pitc": BOTH}, r"'knee_pitc'; did you mean 'knee_pitch'"),
         ("deflection", r"must be a list of names or a .* text 'deflection'"),
+        (None, "the same robot with other payloads"),
     ],
 )
-def test_unknown_names_are_refused_with_the_nearest(
-    sensors: Any, words: str, tulip_leg: Robot
+def test_unknown_names_and_conditions_of_another_robot_are_refused(
+    sensors: Any, words: str, tulip_leg: Robot, write_chain: Chain
 ) -> None:
-    """Names of sensors and of joints."""
+    """Names of sensors and of joints come with the nearest."""
+    conditions = [] if sensors else [pendulum(write_chain)]
     with pytest.raises(RobotError, match=words):
-        identifiability(tulip_leg, sensors)
-
-
-def test_conditions_of_another_robot_are_refused(tulip_leg: Robot, write_chain: Chain) -> None:
-    """Conditions differ by their payloads alone."""
-    with pytest.raises(RobotError, match="the same robot with other payloads"):
-        identifiability(tulip_leg, conditions=[pendulum(write_chain)])
-
-
-@pytest.mark.slow  # a script for many choices
-def test_script_compares_choices_of_sensors() -> None:
-    """Its table has the counts of METHOD 1 for the leg."""
-    leg = ("scripts/identifiability.py", "models/tulip_leg.urdf", "models/tulip_leg.toml")
-    command, root = [sys.executable, *leg], Path(__file__).parents[2]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    cells = [line.strip().split("  ") for line in done.stdout.splitlines()]
-    counts = {line[0]: [cell.strip() for cell in line[1:] if cell] for line in cells}
-    assert counts["both positions, motor torque"][0] == "29"
-    assert counts["the same, no torque at stiff joints"][0] == "21"
+        identifiability(tulip_leg, sensors, conditions=conditions)
 
 
 def test_random_motions_satisfy_the_equations(tulip_leg: Robot) -> None:

@@ -1,8 +1,4 @@
-"""Drives that move several joints, and joints whose ratio depends on their angle.
-
-The experiments are built without the code under test: the torques of the bodies by Pinocchio's
-rnea, the drives' equations and linkages written out, the matrix of the drives a literal.
-"""
+"""Drives that move several joints, and linkages, by Pinocchio's torques and written equations."""
 
 import tomllib
 from collections.abc import Callable, Sequence
@@ -20,25 +16,13 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, total_ratio
-from seaid.errors import (
-    ExcitationError,
-    IdentificationError,
-    LogError,
-    RobotError,
-    SymbolicError,
-)
+from seaid.errors import ExcitationError, IdentificationError, LogError, RobotError, SeaidError
 from seaid.estimation.least_squares import ordinary
 from seaid.excitation import design_excitation
 from seaid.excitation.observation_matrix import load_target
 from seaid.export import write_mjcf, write_model
 from seaid.frequency.linear_joints import linearised
-from seaid.identification import (
-    Identification,
-    check,
-    identify,
-    refine,
-    validate,
-)
+from seaid.identification import Identification, check, identify, refine, validate
 from seaid.identification.problem import Method
 from seaid.identification.validation import _actuator
 from seaid.legged import load_robot
@@ -60,7 +44,7 @@ from tests.experiments import (
     with_named_friction,
 )
 from tests.plants import torque_slopes_by_steps
-from tests.regressor.exact.lagrangian import base_by_torques
+from tests.regressor.stances import check_base, rows_of_torques
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
@@ -369,22 +353,12 @@ def test_power_is_the_same_on_both_sides_and_ways_lead_back(C: Array, seed: int)
     assert at_drives(np.eye(6), speed) is speed
 
 
-def test_the_robot_has_the_matrix_of_its_drives(case: Case) -> None:
-    """Couplings change neither the count nor the grouping of the base parameters."""
-    np.testing.assert_array_equal(case.robot.transmission, case.C)
-    assert not case.robot.transmission.flags.writeable
-    np.testing.assert_array_equal(case.robot.without_nominal().transmission, case.C)
-    own = {joint: replace(drive, transmission={}) for joint, drive in case.robot.drives.items()}
-    found, expected = (base_parameters(x) for x in (case.robot, case.robot.with_drives(own)))
-    assert found.columns == expected.columns
-    assert found.grouping == pytest.approx(expected.grouping, abs=1e-9)
-
-
 def test_the_matrix_is_in_the_order_of_the_joints() -> None:
     """It follows the joints that the user asks for, and comes from the file of drives."""
-    C = case_of("stiff differential").C
-    np.testing.assert_array_equal(load_robot(WRIST, WRIST.with_suffix(".toml")).transmission, C)
-    drives = case_of("stiff differential").robot.drives
+    C, drives = case_of("stiff differential").C, case_of("stiff differential").robot.drives
+    read = load_robot(WRIST, WRIST.with_suffix(".toml")).transmission
+    np.testing.assert_array_equal(read, C)
+    assert not read.flags.writeable
     order = [2, 0, 1]
     robot = load_robot(WRIST, drives, joints=[JOINTS[index] for index in order])
     np.testing.assert_array_equal(robot.transmission, C[np.ix_(order, order)])
@@ -413,7 +387,6 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
 def test_drives_that_the_robot_cannot_have_are_refused(
     pitch: dict[str, Any], roll: dict[str, Any], message: str
 ) -> None:
-    """The message names the joints and what is allowed."""
     drives = {"wrist_pitch": stiff(1, **pitch), "wrist_roll": stiff(**roll)}
     with pytest.raises(RobotError, match=message):
         load_robot(WRIST, drives, joints=PITCH_ROLL)
@@ -512,7 +485,6 @@ def test_a_log_gives_nearly_the_truth_and_predicts_another_motion(
 def test_errors_are_as_large_as_the_standard_errors_say(
     name: str, method: Method, draws: int, band: float
 ) -> None:
-    """Errors over standard errors have a root mean square of one."""
     case, scores = case_of(name), []
     known = with_named_friction(case.robot.without_nominal())
     for draw in range(draws):
@@ -522,17 +494,6 @@ def test_errors_are_as_large_as_the_standard_errors_say(
         errors = [found.load.standard_error(name) for name in found.base.expressions]
         scores.append(np.append(load / errors, drive_scores(found, case.robot, *DRIVE)))
     check_scores(scores, band=band)
-
-
-@pytest.mark.usefixtures("estimates_only")
-def test_one_motor_of_a_differential_tells_its_own_equation() -> None:
-    """Its neighbour without a torque has no drive in the result."""
-    case = case_of("stiff differential")
-    log = without(log_of(case), "motor_torque", 2)
-    found = identify(case.robot.without_nominal(), log, cutoff_hz=12.0)
-    assert found.model.torque_joints == JOINTS[:2]
-    assert "wrist_roll" not in found.drives
-    check_near_truth(case, found)
 
 
 def sensed(case: Case) -> Array:
@@ -569,6 +530,22 @@ def test_sensors_at_all_joints_of_a_group_stand_for_its_motors(name: str) -> Non
         stretch = seen.motor_position[:, index] / total_ratio(drive) - turned
         torque = drive.values["stiffness"] * drive.load_radius**2 * stretch / total_ratio(drive)
         np.testing.assert_allclose(measured[:, index], torque, atol=0.02 * np.ptp(torque))
+
+
+@pytest.mark.usefixtures("estimates_only")
+def test_one_sensor_of_a_group_is_not_enough_and_one_motor_is() -> None:
+    """Without a torque a joint has no row, or a motor no drive, and may not be asked for."""
+    case, log = case_of("stiff differential"), log_of(case_of("stiff differential"))
+    known = case.robot.without_nominal()
+    found = identify(known, without(log, "motor_torque", 2), cutoff_hz=12.0)
+    assert found.model.torque_joints == JOINTS[:2]
+    assert "wrist_roll" not in found.drives
+    check_near_truth(case, found)
+    log = without(replace(log, joint_torque=sensed(case)), "motor_torque", 0, 1, 2)
+    log = without(log, "joint_torque", 2)
+    assert identify(known, log, cutoff_hz=12.0).model.torque_joints == ("elbow",)
+    with pytest.raises(LogError, match="no torque in the log at wrist_pitch; name the others"):
+        identify(known, log, torque_joints=JOINTS[:2], cutoff_hz=12.0)
 
 
 @pytest.mark.parametrize("name", ["elastic differential", "parallelogram", "sliding"])
@@ -614,7 +591,6 @@ def test_springs_behind_linkages_are_refined_by_output_errors() -> None:
 
 @pytest.mark.parametrize("name", quick_first(["compensated differential", "parallelogram"]))
 def test_the_complete_model_is_zero_along_a_motion(name: str) -> None:
-    """Every equation, with true values and exact states in the place of its symbols."""
     case, at = case_of(name), 1234
     motion, model = true_motion(case), complete_model(case.robot)
     t = model.coordinates[0].args[0]
@@ -664,8 +640,8 @@ def test_what_coupled_joints_do_not_have_is_said() -> None:
     with pytest.raises(ExcitationError, match=together):
         load_target(robot, rows, base_parameters(robot, torque_joints=rows))
     assert load_target(robot, None, base_parameters(robot)).rows == (0, 1, 2)
-    exact = base_by_torques(robot, PITCH_ROLL)
-    assert exact.columns == base_parameters(robot, torque_joints=PITCH_ROLL).columns
+    of_group = base_parameters(robot, torque_joints=PITCH_ROLL)
+    check_base(of_group, rows_of_torques(robot, PITCH_ROLL))
     message = "whose motor turns several joints, and no sensor is behind its spring"
     with pytest.raises(IdentificationError, match=message):
         identify(known, without(log, "joint_position", 1, 2))
@@ -679,16 +655,7 @@ def test_what_coupled_joints_do_not_have_is_said() -> None:
         both_sides({"wrist_pitch.deflection_rad": np.zeros(3)}, case.robot)
 
 
-@pytest.mark.usefixtures("estimates_only")
-def test_a_sensor_at_one_joint_of_a_group_is_not_enough() -> None:
-    """The joints of the group have no torque then, and may not be asked for."""
-    case = case_of("stiff differential")
-    log = replace(log_of(case), joint_torque=sensed(case))
-    log = without(without(log, "motor_torque", 0, 1, 2), "joint_torque", 2)
-    known = case.robot.without_nominal()
-    assert identify(known, log, cutoff_hz=12.0).model.torque_joints == ("elbow",)
-    with pytest.raises(LogError, match="no torque in the log at wrist_pitch; name the others"):
-        identify(known, log, torque_joints=JOINTS[:2], cutoff_hz=12.0)
+DEFLECTION = "elbow.deflection_rad"
 
 
 @pytest.mark.usefixtures("estimates_only")
@@ -696,22 +663,20 @@ def test_what_joints_with_linkages_do_not_have_is_said(tmp_path: Path) -> None:
     """Each refusal names a joint; a format without ratios of an angle is written with a warning."""
     needs = "needs constant gear ratios, and that of 'elbow' depends on its angle"
     robot, log = case_of("linkages").robot, log_of(case_of("linkages"))
-    with pytest.raises(ExcitationError, match=f"design_excitation {needs}"):
-        design_excitation(robot, 5.0)
-    with pytest.raises(RobotError, match=f"a MuJoCo model {needs}"):
-        write_mjcf(robot, tmp_path / "arm.xml")
-    with pytest.raises(SymbolicError, match=f"complete_model {needs}"):
-        complete_model(robot)
-    with pytest.raises(RobotError, match=f"a linearised robot {needs}"):
-        linearised(robot, np.zeros(3), [0])
-    with pytest.raises(RobotError, match=f"a floating base {needs}"):
-        load_robot(WRIST, robot.drives, base="floating")
-    with pytest.raises(LogError, match="a deflection does not determine its position"):
-        both_sides({"elbow.deflection_rad": np.zeros(3)}, robot)
-    with pytest.raises(IdentificationError, match="or angle_ratio, and no sensor behind"):
-        identify(robot, without(log, "joint_position", 0))
-    with pytest.raises(RobotError, match="is prismatic, and a drive with angle_ratio turns"):
-        load_robot(DATA / "mixed_arm.urdf", {"telescope": stiff(**HARMONIC)})
+    rail = DATA / "mixed_arm.urdf"
+    refused: dict[str, Callable[[], object]] = {
+        f"design_excitation {needs}": lambda: design_excitation(robot, 5.0),
+        f"a MuJoCo model {needs}": lambda: write_mjcf(robot, tmp_path / "arm.xml"),
+        f"complete_model {needs}": lambda: complete_model(robot),
+        f"a linearised robot {needs}": lambda: linearised(robot, np.zeros(3), [0]),
+        f"a floating base {needs}": lambda: load_robot(WRIST, robot.drives, base="floating"),
+        "deflection does not determine its": lambda: both_sides({DEFLECTION: np.zeros(3)}, robot),
+        "or angle_ratio, and no sensor": lambda: identify(robot, without(log, "joint_position", 0)),
+        "drive with angle_ratio turns": lambda: load_robot(rail, {"telescope": stiff(**HARMONIC)}),
+    }
+    for words, call in refused.items():
+        with pytest.raises(SeaidError, match=words):
+            call()
     written = write_model(robot, tmp_path / "arm.py", "isaaclab")
     (lost,) = (x.message for x in written.warnings if "ratio of its angle" in x.message)
     assert "those of elbow, wrist_pitch are not in the file" in lost

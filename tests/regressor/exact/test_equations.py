@@ -14,44 +14,39 @@ from seaid.regressor import base_parameters as numeric_base_parameters
 from seaid.regressor import cross_check, rigid_body_regressor
 from seaid.regressor.base import random_states
 from seaid.robot import Robot
-from seaid.symbolic import ExactBaseParameters, base_parameters, rigid_body
-from tests.regressor.exact.lagrangian import base_by_energy, base_by_torques
-from tests.regressor.stances import check_floating
+from seaid.symbolic import base_parameters, rigid_body
+from tests.regressor.exact.lagrangian import base_by_energy
+from tests.regressor.stances import check_base, rows_of_stances, rows_of_torques
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of
 
-SMALL = ("ur5_robot.urdf", "tiago_no_hand.urdf", "a1.urdf", "hextilt_flying_arm_5.urdf")
 Y = '<axis xyz="0 1 0"/>'
 TempPaths = pytest.TempPathFactory
-
-
-def three_ways(robot: Robot) -> list[ExactBaseParameters]:
-    return [base_parameters(robot), base_by_energy(robot), base_by_torques(robot)]
-
-
-@pytest.mark.rounding
-@pytest.mark.parametrize("name", SMALL)
-def test_three_ways_give_the_same_rationals(
-    name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
-) -> None:
-    """Recursion, energy and torque have one echelon form."""
-    recursion, energy, torque = three_ways(load_quietly(example_path(name)))
-    assert recursion.exact_rows == energy.exact_rows == torque.exact_rows
-    assert recursion.expressions == energy.expressions == torque.expressions
-    assert torque.gap == float("inf")
 
 
 GRAVITIES = [(0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (0.5, 0.0, -9.0)]
 
 
-@given(tree=st.lists(joints, min_size=1, max_size=4), gravity=st.sampled_from(GRAVITIES))
+@given(
+    tree=st.lists(joints, min_size=1, max_size=4),
+    gravity=st.sampled_from(GRAVITIES),
+    known=st.sets(st.integers(0, 3), min_size=1),
+)
 def test_any_tree_has_one_answer(
-    tree: list[Joint], gravity: tuple[float, float, float], tmp_path_factory: TempPaths
+    tree: list[Joint],
+    gravity: tuple[float, float, float],
+    known: set[int],
+    tmp_path_factory: TempPaths,
 ) -> None:
+    """Recursion and energy have one echelon form, which is that of all torques; others of some."""
     robot = robot_of(tmp_path_factory.mktemp("tree"), tree, gravity=gravity)
-    ways = three_ways(robot)
-    assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
-    check = cross_check(numeric_base_parameters(robot), ways[0])
+    exact, energy = base_parameters(robot), base_by_energy(robot)
+    assert exact.exact_rows == energy.exact_rows
+    assert exact.expressions == energy.expressions
+    check = cross_check(numeric_base_parameters(robot), exact)
     assert check.agree, (check, tree)
+    check_base(exact, rows_of_torques(robot, robot.joint_names))
+    some = [robot.joint_names[k % robot.n] for k in sorted(known)]
+    check_base(numeric_base_parameters(robot, torque_joints=some), rows_of_torques(robot, some))
     states = random_states(robot, 0)
     expected = rigid_body_regressor(robot, *states)
     form, atol = rigid_body(robot), 1e-9 * max(1.0, np.max(np.abs(expected)))
@@ -79,25 +74,6 @@ def test_directions_that_coincide_through_sliding_joints_are_named(
     )
     with pytest.warns(SeaidWarning, match=r"my_d_link counts as identifiable .* [1-9]e-17"):
         assert base_parameters(load_robot(path)).rank == 19
-
-
-@pytest.mark.parametrize(
-    ("joints", "torques", "count"),
-    [
-        (None, ("hip_pitch", "knee_pitch", "ankle_pitch"), 21),
-        (None, ("ankle_pitch", "hip_yaw"), None),
-        (("ankle_pitch", "hip_pitch", "knee_pitch"), ("knee_pitch", "hip_pitch"), None),
-    ],
-)
-def test_known_torques_only(
-    joints: tuple[str, ...] | None, torques: tuple[str, ...], count: int | None, tulip_urdf: Path
-) -> None:
-    """Torques of some joints, in any order of the joints."""
-    robot = load_robot(tulip_urdf, joints=joints)
-    exact = base_by_torques(robot, torques)
-    assert count in (None, exact.rank)
-    check = cross_check(numeric_base_parameters(robot, torque_joints=torques), exact)
-    assert check.agree, check
 
 
 def test_grouping_is_rational_and_readable(
@@ -134,4 +110,4 @@ def test_floating_base_is_that_of_pinocchios_free_flyer(
     exact = base_parameters(robot, floating_base=True)
     link = "floating_base" if "base" in robot.body_names else "base"
     assert exact.names[:4] == tuple(f"{parameter}_{link}" for parameter in ("m", "mx", "my", "mz"))
-    check_floating(exact, load_quietly(example_path(name), base="floating"))
+    check_base(exact, rows_of_stances(load_quietly(example_path(name), base="floating"), [()]))

@@ -10,11 +10,7 @@ from flint import fmpq, fmpq_mat
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.regressor.exact.geometry import (
-    as_floats,
-    exact_number,
-    exact_rotation,
-)
+from seaid.regressor.exact.geometry import as_floats, exact_number, exact_rotation
 
 IDENTITY = fmpq_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
 angles = st.floats(-3.2, 3.2)
