@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 from dataclasses import is_dataclass
-from pathlib import Path
 
 import pytest
 
@@ -46,20 +45,26 @@ HEAVY: tuple[str, ...] = (
 )
 
 
-@pytest.mark.parametrize("heavy", [HEAVY, ("sympy", "matplotlib")])
-def test_import_is_quick_and_leaves_the_heavy_packages_alone(
-    heavy: tuple[str, ...], tulip_urdf: Path
-) -> None:
-    """Of which loading a robot needs some."""
+LEG = "seaid.load_robot('models/tulip_leg.urdf', 'models/tulip_leg.toml')"
+WINDOW = "import seaid.cli.commands, seaid.view.picture, seaid.view.playback; seaid.view_robot"
+WITHOUT = {
+    "": HEAVY,
+    LEG: ("sympy", "matplotlib", "yourdfpy", "trimesh", "pydantic"),
+    WINDOW: ("viser", "trimesh", "yourdfpy"),
+}
+"""{what is done after the import: packages that are not loaded then}."""
+
+
+@pytest.mark.parametrize("step", WITHOUT)
+def test_import_is_quick_and_leaves_the_heavy_packages_alone(step: str) -> None:
+    """Of which loading a robot needs some, and a window that is not opened others."""
     code = "import time; start = time.perf_counter(); import seaid\n"
-    code += "print(time.perf_counter() - start)\n"
-    if heavy != HEAVY:
-        code += f"seaid.load_robot({str(tulip_urdf)!r}, {str(tulip_urdf.with_suffix('.toml'))!r})\n"
-    code += f"import sys; print([name for name in {heavy} if name in sys.modules])"
+    code += f"print(time.perf_counter() - start)\n{step}\n"
+    code += f"import sys; print([name for name in {WITHOUT[step]} if name in sys.modules])"
     command = [sys.executable, "-c", code]
     runs = [
         subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-        for _ in range(3 if heavy == HEAVY else 1)
+        for _ in range(1 if step else 3)
     ]
     assert min(float(seconds) for seconds, _ in runs) < IMPORT_SECONDS
     assert all(loaded == "[]" for _, loaded in runs)

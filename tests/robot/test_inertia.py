@@ -93,7 +93,6 @@ def test_a_body_is_possible_until_a_moment_exceeds_the_other_two(seed: int, exce
 
 
 def test_point_mass_and_nothing_are_possible_negative_mass_is_not() -> None:
-    """What is impossible without its tensor is named."""
     point = inertia.from_center_of_mass(2.0, np.array([0.1, -0.4, 0.3]), np.zeros((3, 3)))
     assert is_physical(point)
     assert is_physical(np.zeros(10))

@@ -171,7 +171,6 @@ def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
 
 
 def test_robot_is_read_only(tulip_leg: Robot) -> None:
-    """Its arrays, its drives and its fields."""
     with pytest.raises(ValueError, match="read-only"):
         tulip_leg.parameters[0] = 1.0
     with pytest.raises(TypeError):
@@ -232,7 +231,6 @@ BROKEN = StiffDrive(gear_ratio=1.0, extra_terms=("c*",))
 def test_options_that_do_not_fit_are_refused(
     tulip_urdf: Path, options: dict[str, Any], words: str
 ) -> None:
-    """The message names the joint or link, and the nearest name."""
     with pytest.raises(RobotError, match=words):
         load_robot(tulip_urdf, **options)
 

@@ -104,15 +104,6 @@ def test_xacro_is_expanded_where_its_package_is_installed(
     assert "xacro arm.urdf > arm.urdf name:=value" in text
 
 
-def test_what_xacro_has_expanded_is_a_urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its root keeps the namespace, and comments keep what was in them."""
-    monkeypatch.setitem(sys.modules, "xacro", None)
-    path = tmp_path / "leg.urdf"
-    text = LEG.read_text().replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
-    path.write_text(text.replace("<link", "<!-- <xacro:include/> -->\n<link", 1))
-    same(load_robot(path), load_robot(LEG))
-
-
 @pytest.fixture
 def descriptions(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Stand in for the package robot_descriptions, which clones repositories."""
@@ -186,7 +177,6 @@ def test_without_their_packages_names_are_paths(monkeypatch: pytest.MonkeyPatch)
 def test_a_mistake_in_a_file_of_drives_says_what_to_write(
     tmp_path: Path, line: str, words: str
 ) -> None:
-    """The message names the file."""
     path = tmp_path / "drives.toml"
     path.write_text(f'[knee_pitch]\ntype = "stiff"\n{line}\n')
     text = refusal(LEG, path)

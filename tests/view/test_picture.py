@@ -1,7 +1,7 @@
 """What is shown of a robot: where its links are, how they look, what is said to be missing."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -302,33 +302,16 @@ def bodies_of(leg: Robot, *parameters: Array) -> list[Shape]:
     return ellipsoids_of(leg.with_values(values, leg.drives), NOMINAL, 1e-6)
 
 
-@dataclass(frozen=True)
-class Solid:
-    """A uniform ellipsoid: mass [kg], semi-axes [m], and where it is."""
-
-    mass: float
-    semi_axes: tuple[float, float, float]
-    placement: pin.SE3
-
-    @property
-    def parameters(self) -> Array:
-        """The ten parameters, by the sum over points of equal mass."""
-        grid = np.linspace(-1.0, 1.0, 81)
-        points = np.array(np.meshgrid(grid, grid, grid)).reshape(3, -1).T
-        points = points[np.sum(points**2, axis=1) <= 1.0] * self.semi_axes
-        second = self.mass * points.T @ points / len(points)
-        inertia = np.trace(second) * np.eye(3) - second
-        centered = from_center_of_mass(self.mass, np.zeros(3), inertia)
-        return in_parent_frame(centered, self.placement)
-
-
 def test_ellipsoid_of_a_uniform_ellipsoid_is_itself(tulip_leg: Robot) -> None:
-    turn = pin.exp3(np.array([0.3, -0.8, 0.5]))
-    solid = Solid(3.2, (0.05, 0.11, 0.30), pin.SE3(turn, np.array([0.1, -0.2, 0.4])))
-    (ellipsoid,) = bodies_of(tulip_leg, solid.parameters)
+    """Of half axes a its second moments are m a^2 / 5, wherever it is."""
+    mass, half_axes = 3.2, np.array([0.05, 0.11, 0.30])
+    place = pin.SE3(pin.exp3(np.array([0.3, -0.8, 0.5])), np.array([0.1, -0.2, 0.4]))
+    tensor = mass / 5 * np.diag(np.sum(half_axes**2) - half_axes**2)
+    centered = from_center_of_mass(mass, np.zeros(3), tensor)
+    (ellipsoid,) = bodies_of(tulip_leg, in_parent_frame(centered, place))
     assert ellipsoid.joint == 1
-    inside = (ellipsoid.mesh.vertices - solid.placement.translation) @ turn
-    np.testing.assert_allclose(np.linalg.norm(inside / solid.semi_axes, axis=1), 1.0, rtol=3e-3)
+    inside = (ellipsoid.mesh.vertices - place.translation) @ place.rotation
+    np.testing.assert_allclose(np.linalg.norm(inside / half_axes, axis=1), 1.0, rtol=1e-5)
     assert ellipsoid.mesh.volume > 0  # no mirror image
 
 

@@ -21,54 +21,36 @@ from seaid.simulation import simulate
 from seaid.view.panel import deflection_colors, legend, scales
 from seaid.view.picture import NEUTRAL
 from seaid.view.playback import Playback, playback_of, sampled
-from tests.experiments import arm, arm_found, arm_log
+from tests.experiments import arm, arm_found, arm_log, leg
 from tests.plants import polynomial_trajectory
 
-LIMIT = '<limit lower="-1" upper="1" velocity="3" effort="50"/>'
-AXIS = '<axis xyz="0 1 0"/>'
-JOINTS = {
-    "turn": f"revolute {AXIS}{LIMIT}",
-    "slide": f"prismatic {LIMIT}",
-    "stiff": f"revolute {AXIS}{LIMIT}",
-}
-PULLEYS = SeriesElasticDrive(
-    50.0,
-    1e-5,
-    0.02,
-    0.04,
-    stiffness_N_per_m=4e4,
-    viscous_friction_Nms_per_rad=1e-4,
-    coulomb_friction_Nm=0.0,
-)
-RACK = SeriesElasticDrive(
-    80.0,
-    1e-5,
-    0.015,
-    stiffness_N_per_m=3e4,
-    viscous_friction_Nms_per_rad=1e-4,
-    coulomb_friction_Nm=0.0,
-)
-STIFF = StiffDrive(30.0, None, 1e-5, viscous_friction_Nms_per_rad=1e-4, coulomb_friction_Nm=0.0)
+SPRINGS = [1, 2]
+"""Of the shoulder and the telescope; the rail slides too, and the wrist turns, both stiff."""
 
 
 @pytest.fixture
-def robot(write_chain: Callable[..., Path]) -> Robot:
-    """Return a robot with a spring between pulleys, one at a rack, and a stiff joint."""
-    return load_robot(write_chain(JOINTS), {"turn": PULLEYS, "slide": RACK, "stiff": STIFF})
+def robot() -> Robot:
+    return arm()
 
 
 def plan(robot: Robot) -> Trajectory:
     """Return a motion from rest to rest in 2 s."""
     t = np.polynomial.Polynomial([0.0, 1.0])
     shape = (t**3 * (2.0 - t) ** 3).coef  # velocity and acceleration are zero at both ends
-    coefficients = np.outer(shape, [0.4, -0.2, 0.3])
-    return polynomial_trajectory(robot.joint_names, 2.0, coefficients, ("slide",))
+    coefficients = np.outer(shape, [0.2, 0.4, -0.1, 0.3])
+    return polynomial_trajectory(robot.joint_names, 2.0, coefficients, ("rail", "telescope"))
 
 
 def log_of(robot: Robot, joint: Array, motor: Array, start: float = 0.0) -> Log:
     time = start + np.linspace(0.0, 0.01 * (len(joint) - 1), len(joint))
     nothing = np.full(joint.shape, np.nan)
     return Log(time, robot.joint_names, motor, joint, nothing, is_prismatic=robot.is_prismatic)
+
+
+def ratios(robot: Robot) -> Array:
+    """Return what motors turn when the joints move by one."""
+    drives = robot.drives.values()
+    return np.array([drive.ratio * drive.load_radius / drive.motor_radius for drive in drives])
 
 
 def waves(robot: Robot, seed: int = 0) -> tuple[Array, Array]:
@@ -78,40 +60,39 @@ def waves(robot: Robot, seed: int = 0) -> tuple[Array, Array]:
     return joint, 0.3 + 0.01 * np.cos(rng.uniform(3, 9, robot.n) * t)
 
 
+@pytest.mark.parametrize("robot", [arm(), leg()], ids=["arm", "leg"])
 def test_log_is_played_as_it_is(robot: Robot) -> None:
     """From zero on, its columns found by name, with deflections about their mean."""
     joint, deflection = waves(robot)
-    motor = (joint + deflection) * [50.0 * 2.0, 80.0 / 0.015, 30.0]  # N r_L / r_M
-    log = log_of(robot, joint, motor, start=1.7e9)
-    order = [2, 0, 1]
+    log = log_of(robot, joint, (joint + deflection) * ratios(robot), start=1.7e9)
     turned = Log(
         log.time,
-        tuple(robot.joint_names[index] for index in order),
-        log.motor_position[:, order],
-        log.joint_position[:, order],
-        log.motor_torque[:, order],
+        robot.joint_names[::-1],
+        log.motor_position[:, ::-1],
+        log.joint_position[:, ::-1],
+        log.motor_torque[:, ::-1],
     )
+    elastic = np.isin(robot.joint_names, robot.elastic_joints)
+    about_mean = np.where(elastic, deflection - deflection.mean(axis=0), np.nan)
     for recorded in (log, turned):
         played = playback_of(robot, recorded, "run")
         assert played.time[0] == 0.0
         assert played.duration == pytest.approx(0.99, abs=1e-6)
         np.testing.assert_array_equal(played.position, joint)
-        about_mean = (deflection - deflection.mean(axis=0))[:, :2]
-        np.testing.assert_allclose(played.deflection[:, :2], about_mean, atol=1e-12)
-        assert np.all(np.isnan(played.deflection[:, 2]))
+        np.testing.assert_allclose(played.deflection, about_mean, atol=1e-12)
         assert played.notes == ()
 
 
 def test_joint_without_encoder_is_where_its_motor_is(robot: Robot) -> None:
     """Without any encoder there is nothing to play."""
     joint, _ = waves(robot)
-    motor, unseen = joint * [100.0, 80.0 / 0.015, 30.0], joint.copy()
-    unseen[:, [0, 2]] = np.nan
+    motor, unseen = joint * ratios(robot), joint.copy()
+    unseen[:, [1, 3]] = np.nan
     played = playback_of(robot, log_of(robot, unseen, motor), "run")
     np.testing.assert_allclose(played.position, joint, atol=1e-12)
-    assert np.all(np.isnan(played.deflection[:, [0, 2]]))
-    unseen = np.where(np.arange(3) == 1, np.nan, joint)
-    with pytest.raises(LogError, match="log 'run': no encoder gives the position of 'slide'"):
+    assert np.all(np.isnan(played.deflection[:, [0, 1, 3]]))
+    unseen = np.where(np.arange(4) == 2, np.nan, joint)
+    with pytest.raises(LogError, match="log 'run': no encoder gives the position of 'telescope'"):
         playback_of(robot, log_of(robot, unseen, unseen), "run")
 
 
@@ -126,7 +107,7 @@ def test_coupled_drives_tell_their_joints_and_deflections(
         joint: replace(kind, transmission={"a": 1.0, "b": sign})
         for joint, sign in (("a", 1.0), ("b", -1.0))
     }
-    robot = load_robot(write_chain(dict.fromkeys("ab", f"revolute {AXIS}{LIMIT}")), drives)
+    robot = load_robot(write_chain(dict.fromkeys("ab", 'continuous <axis xyz="0 1 0"/>')), drives)
     joint, deflection = waves(robot)
     turned = np.column_stack([joint.sum(axis=1), joint[:, 0] - joint[:, 1]])
     seen = joint if is_elastic else np.full(joint.shape, np.nan)
@@ -148,9 +129,9 @@ def test_plan_is_played_with_the_deflections_of_the_nominal_model(robot: Robot) 
 
     run = simulate(robot, trajectory, rate_hz=500.0)
     previous_logs = playback_of(robot, run, "run")
-    size = np.max(np.abs(previous_logs.deflection[:, :2]))
-    nominal = sampled(run.time - run.time[0], played.time, played.deflection)
-    np.testing.assert_allclose(nominal[:, :2], previous_logs.deflection[:, :2], atol=0.05 * size)
+    of_log = previous_logs.deflection[:, SPRINGS]
+    nominal = sampled(run.time - run.time[0], played.time, played.deflection)[:, SPRINGS]
+    np.testing.assert_allclose(nominal, of_log, atol=0.05 * np.max(np.abs(of_log)))
 
     motion = reconstruct_motion(robot, run, 20.0)
     filtered = playback_of(robot, motion, "motion")
@@ -170,10 +151,9 @@ def test_between_samples_it_is_on_the_line(robot: Robot) -> None:
 
 
 def test_what_is_no_motion_of_the_robot_is_refused(robot: Robot) -> None:
-    """A log and a plan of other joints, and another object."""
     joint, _ = waves(robot)
-    names = ("turn", "slid", "stiff")
-    words = r"'x' has no joint slide of 'test'; its joints: turn, slid, "
+    names = ("rail", "shoulder", "telescop", "wrist")
+    words = r"'x' has no joint telescope of 'mixed_arm'; its joints: rail, shoulder, telescop, "
     motions: tuple[Any, ...] = (
         (replace(log_of(robot, joint, joint), joint_names=names), LogError, words),
         (replace(plan(robot), joint_names=names, prismatic_joints=()), ExcitationError, words),
@@ -215,10 +195,10 @@ def test_scales_have_units(robot: Robot) -> None:
     ends = scales(shown, (False, False, True, True))
     np.testing.assert_array_equal(ends, [0.2, 0.2, 4e-3, 4e-3])
     np.testing.assert_array_equal(scales([], (False, True)), [0.0, 0.0])
-    text = legend(robot, np.array([0.0123, 0.004, 0.0]))
+    text = legend(robot, np.array([0.0, 0.0123, 0.004, 0.0]))
     for words in ("±12.3 mrad and ±4 mm at the ends", "motor minus joint side"):
         assert words in text
-    assert "none is known" in legend(robot, np.zeros(3))
+    assert "none is known" in legend(robot, np.zeros(4))
 
 
 # Torques: what an identification computes is what was measured.
@@ -249,7 +229,7 @@ def test_torques_and_deflections_that_are_not_computed_have_a_reason(robot: Robo
     """Of a plan without nominal values, and of a log that is too short."""
     played = playback_of(robot.without_nominal(), plan(robot), "plan")
     assert np.all(np.isnan(played.deflection))
-    assert played.notes[0].startswith("planned; deflections are unknown: joint 'turn'")
+    assert played.notes[0].startswith("planned; deflections are unknown: joint 'shoulder'")
     recorded = arm_log()
     short = recorded.between(recorded.time[0], recorded.time[0] + 0.4)
     played = playback_of(arm(), short, "x", arm_found())

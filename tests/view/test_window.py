@@ -1,6 +1,5 @@
 """A window without a browser: nodes where the robot is, time that goes on, a clean end."""
 
-import subprocess
 import sys
 import threading
 import time
@@ -326,12 +325,3 @@ def test_what_cannot_be_opened_is_refused(
         options = {**options, "identified": load_robot(leg.urdf, joints=["knee_pitch"])}
     with pytest.raises(SeaidError, match=words):
         view_robot(leg, **{name: value for name, value in options.items() if name != "viser"})
-
-
-@pytest.mark.slow  # a process of its own
-def test_nothing_of_the_window_is_imported_before_it_opens() -> None:
-    code = "import sys, seaid.cli.commands, seaid.view.picture, seaid.view.playback, seaid; "
-    code += "seaid.view_robot; print([m for m in ('viser', 'trimesh', 'yourdfpy') if m in "
-    code += "sys.modules])"
-    said = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert said.stdout == "[]\n"
