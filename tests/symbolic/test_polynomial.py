@@ -5,12 +5,7 @@ from hypothesis import strategies as st
 
 from seaid.errors import SymbolicError
 from seaid.symbolic.from_sympy import read_equations
-from seaid.symbolic.polynomial import (
-    Ratio,
-    Ring,
-    multiply,
-    ratio_to_sympy,
-)
+from seaid.symbolic.polynomial import Ratio, Ring, multiply, ratio_to_sympy
 
 x, y, m, N = sp.symbols("x y m N", positive=True)
 q = sp.Function("q")(sp.Symbol("t"))

@@ -390,7 +390,6 @@ ANGLES = [
 
 @pytest.mark.parametrize("functions", ANGLES)
 def test_multiples_of_an_angle_are_as_exact_as_the_sine(functions: list[sp.Expr]) -> None:
-    """In double precision, and each function keeps its column."""
     unknowns = [m, r, J, k][: len(functions)]
     equation = sp.Add(*map(sp.Mul, unknowns, functions)) - a
     form = separate(equation, [x, y, a], unknowns)

@@ -22,7 +22,7 @@ from seaid.symbolic import (
 from tests.one_joint import BODY
 from tests.plants import write_robot
 from tests.representatives import quick_only
-from tests.symbolic.systems import DIGITS, SYSTEMS, Offset, System, arm, coordinates, g, leftmost, t
+from tests.symbolic.systems import DIGITS, SYSTEMS, Offset, System, arm, leftmost
 
 Values = dict[sp.Expr, sp.Expr]
 
@@ -139,22 +139,6 @@ def test_sine_and_cosine_that_are_not_reduced_count_nine_instead_of_eight() -> N
     names = {sp.sin(q[0]): s1, sp.cos(q[0]): c1, sp.sin(q[1]): s2, sp.cos(q[1]): c2}
     independent = [equation.xreplace(names) for equation in equations]
     assert len(reduce(separate(independent, [*q, s1, c1, s2, c2], parameters)).pivots) == 9
-
-
-def test_cart_pole_solved_for_its_accelerations() -> None:
-    """The form that simulators print: denominators with masses and motion, cleared."""
-    x, angle = q = coordinates(2)
-    M, m, r, force = sp.symbols("M m r F")
-    s, c = sp.sin(angle), sp.cos(angle)
-    below = M + m * s**2
-    equations = [
-        x.diff(t, 2) - (force + m * s * (r * angle.diff(t) ** 2 - g * c)) / below,
-        angle.diff(t, 2)
-        - (-force * c - m * r * angle.diff(t) ** 2 * c * s + (M + m) * g * s) / (r * below),
-    ]
-    form = separate(equations, q, [M, m])
-    assert list(form.zeta) == [force, -sp.cos(angle) * force / r]
-    assert len(reduce(form).pivots) == 2
 
 
 # (alpha [deg], d, r) of Khalil and Dombre (2002), table 3.1, with other lengths for d3 and r4
