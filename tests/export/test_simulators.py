@@ -355,16 +355,6 @@ def test_what_is_refused(tmp_path: Path) -> None:
     assert model.drives == tmp_path / "c.toml"
 
 
-def test_a_format_with_the_effects_of_a_urdf_needs_numbers_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Only the TOML next to a URDF can leave a value out."""
-    whole = replace(FORMATS["usd"], holds=FORMATS["urdf"].holds)
-    monkeypatch.setitem(FORMATS, "usd", whole)
-    with pytest.raises(RobotError, match="coulomb_friction_Nm"):
-        written(robot_with(tmp_path, replace(SERVO, coulomb_friction_Nm=None)), tmp_path, "usd")
-
-
 def test_the_table_of_the_documentation_is_that_of_the_code() -> None:
     page = (ROOT / "docs" / "how_to" / "simulators.md").read_text()
     rows = [line for line in page.splitlines() if line.startswith("| ")]
