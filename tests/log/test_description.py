@@ -19,8 +19,7 @@ from seaid.log.description import changed_source, description_for
 from seaid.log.repair.clocks import longest_bridge
 from seaid.log.usable_parts import holes
 from seaid.robot import Robot
-from seaid.simulation.simulation import measure
-from tests.experiments import DATA, LEG_SENSORS, leg, leg_motion, perfect_log
+from tests.experiments import DATA, leg, leg_motion, perfect_log
 from tests.measured import LOGS
 from tests.one_joint import BODY
 from tests.plants import write_robot
@@ -162,31 +161,6 @@ def same(log: Log, other: Log) -> bool:
     )
 
 
-def test_what_is_not_described_is_read_from_the_own_columns(tmp_path: Path) -> None:
-    """A description beside a file with seaid's columns replaces those that it names, no other."""
-    plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
-    path = own_file(tmp_path, plain)
-    (tmp_path / "own.toml").write_text(
-        """
-[joints.hip_pitch]
-motor_torque = "knee_pitch.motor_torque_Nm"
-joint_position = { column = "hip_pitch.joint_position_rad", sign = -1 }
-
-[joints.knee_pitch]
-motor_torque = { column = "hip_pitch.motor_torque_Nm", scale = 1.2, unit = "mNm" }
-"""
-    )
-    log = read_log(path, leg())
-    hip, knee = (leg().index(name) for name in ("hip_pitch", "knee_pitch"))
-    expected = {name: values.copy() for name, values in plain.sensors().items()}
-    expected["motor_torque"][:, hip] = plain.motor_torque[:, knee]
-    expected["motor_torque"][:, knee] = plain.motor_torque[:, hip] * 1.2e-3
-    expected["joint_position"][:, hip] *= -1
-    assert np.array_equal(log.time, plain.time)
-    for name, values in expected.items():
-        np.testing.assert_allclose(log.sensors()[name], values, rtol=1e-12)
-
-
 def test_described_delay_is_corrected_and_other_channels_stay(tmp_path: Path) -> None:
     """A delay that was planted is taken out of its channel, and the end that it lacks is left."""
     plain = perfect_log(leg(), leg_motion())
@@ -317,7 +291,6 @@ sources = st.fixed_dictionaries(
 def test_description_survives_its_toml(
     tmp_path_factory: pytest.TempPathFactory, joints: dict[str, Table], time: str
 ) -> None:
-    """Any description: written -> read -> the same."""
     content = {
         "time": time,
         "joints": {joint: {"joint_position": source} for joint, source in joints.items()},
@@ -345,7 +318,6 @@ MISTAKES = tomllib.loads((DATA / "descriptions" / "mistakes.toml").read_text("ut
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=[mistake["says"] for mistake in MISTAKES])
 def test_mistake_in_a_description_is_named(tmp_path: Path, mistake: Table) -> None:
-    """A description that cannot be meant is refused with its key and what is allowed."""
     columns = {"off": np.zeros(200), "short": np.ones(7), "dead": np.zeros(200)}
     path, left = log_file(tmp_path, **columns), dict.fromkeys(mistake.get("leave", ()))
     description = described(**mistake.get("arm", {}), **left) | mistake.get("change", {})
@@ -354,7 +326,6 @@ def test_mistake_in_a_description_is_named(tmp_path: Path, mistake: Table) -> No
 
 
 def test_other_descriptions_that_cannot_be_meant_are_named(tmp_path: Path) -> None:
-    """Files, objects of Python and drives that do not fit a description are named."""
     robot, path = robot_of(tmp_path, ROTARY), log_file(tmp_path)
     assert "cannot read the description" in error_of(path, robot, tmp_path / "no.toml")
     given = description_for(Path("x"), described())

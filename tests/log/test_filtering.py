@@ -62,7 +62,6 @@ def test_sine_keeps_its_phase_and_takes_the_gain_of_two_passes(frequency_hz: flo
     ],
 )
 def test_values_at_rows_are_those_of_all_samples(samples: np.ndarray, cutoff_hz: float) -> None:
-    """The filter at a few rows is that of all samples, taken there."""
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(4000, 3, 4)).cumsum(axis=0)
     columns[:, 1] = 0.0
@@ -199,7 +198,6 @@ def proposed(joint: Array, motor: Array | None = None, rate_hz: float = RATE_HZ)
 
 @pytest.mark.parametrize("frequency_hz", [0.5, 2.5, 20.0])
 def test_clean_motion_gets_four_times_its_edge_however_slow_or_fast(frequency_hz: float) -> None:
-    """The edge is that of the velocity, and the reason says so."""
     found = proposed(waves(frequency_hz))
     assert found.cutoff_hz == pytest.approx(4 * frequency_hz, abs=0.5)
     assert "four times the bandwidth of the velocity" in str(found)
@@ -228,7 +226,6 @@ def test_noise_of_a_motor_counts_in_its_speed_where_the_joint_has_an_encoder() -
 
 
 def test_coarser_encoder_narrower_band_but_not_narrower_than_the_motion() -> None:
-    """The band falls with the step as far as the motion, and the reason says that."""
     motion = waves(0.4) + 0.3 * waves(2.0, 1.0)
     bands = [proposed(np.round(motion / step) * step) for step in (1e-6, 1e-2, 3e-2)]
     assert [band.cutoff_hz for band in bands] == sorted(
@@ -285,7 +282,6 @@ def test_what_is_no_motion_does_not_decide() -> None:
 
 
 def test_band_of_a_slow_short_or_still_log_says_so() -> None:
-    """The rate and the duration limit the band, and a log without motion has none."""
     slow = proposed(waves(1.0)[::50], rate_hz=20.0)
     assert slow.cutoff_hz == 2.5
     assert "an eighth of the rate" in slow.reason

@@ -69,7 +69,6 @@ def test_derivatives_are_those_of_the_true_motion() -> None:
 
 
 def test_torques_stay_as_measured_and_the_cutoff_is_proposed() -> None:
-    """No torque is filtered; the cutoff is that of the motion, as the processing says."""
     noisy = arm_log(0)
     motion = reconstruct_motion(arm(), noisy)
     assert np.array_equal(motion.motor_torque, noisy.motor_torque)
@@ -81,7 +80,6 @@ def test_torques_stay_as_measured_and_the_cutoff_is_proposed() -> None:
 
 
 def test_joints_come_in_the_robots_order_and_others_are_left_alone() -> None:
-    """Columns of joints that the robot does not have are not used."""
     expected = reconstruct_motion(arm(), log(), 8.0)
     names = ("wrist", "shoulder", "rail", "telescope", "other")
     foreign = picked(log(), [3, 1, 0, 2, 2], names)
@@ -93,7 +91,6 @@ def test_joints_come_in_the_robots_order_and_others_are_left_alone() -> None:
 
 @pytest.mark.parametrize("side", ["motor", "joint"])
 def test_stiff_joint_needs_one_encoder(side: str) -> None:
-    """The other side follows from the gear ratio."""
     found = reconstruct_motion(arm(), without("rail", side), 8.0)
     expected = reconstruct_motion(arm(), log(), 8.0)
     assert np.allclose(found.motor_velocity, expected.motor_velocity, rtol=0, atol=1e-6)
@@ -119,7 +116,6 @@ def refused() -> Iterator[tuple[Robot, Log, float | None, str]]:
 
 
 def test_logs_that_cannot_be_used_are_refused() -> None:
-    """Joints, sensors, cutoffs and holes that do not fit are named with what is allowed."""
     for robot, source, cutoff_hz, words in refused():
         with pytest.raises(LogError, match=words):
             reconstruct_motions(robot, source, cutoff_hz)
@@ -161,14 +157,12 @@ def test_irregular_times_are_resampled_without_bias() -> None:
 
 
 def test_small_jitter_of_the_clock_is_not_resampled() -> None:
-    """Rounded stamps stay as they are."""
     jitter = 1e-8 * np.random.default_rng(0).normal(size=len(log().time))
     found = reconstruct_motion(arm(), replace(log(), time=log().time + jitter), 8.0)
     assert np.array_equal(found.time, log().time + jitter)
 
 
 def test_motion_tells_what_was_done_to_it() -> None:
-    """Rates, cutoffs, ends and repairs are in the record."""
     plain = reconstruct_motion(arm(), log(), 8.0).processing
     assert str(plain) == (
         "1000 Hz, positions below 40 Hz; regressor and torque below 8 Hz, as given; "

@@ -101,7 +101,6 @@ MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
 def test_a_formal_mistake_is_named_with_its_remedy(
     arm: Robot, tmp_path: Path, change: dict[str, Any], words: tuple[str, ...]
 ) -> None:
-    """A message has the file, the place, what was found, and the remedy."""
     options = {
         name: x for name, x in change.items() if name in ("columns", "repair", "description")
     }
@@ -115,46 +114,11 @@ def test_a_formal_mistake_is_named_with_its_remedy(
         assert REPAIR in caught.value.arguments
 
 
-def test_a_file_without_header_is_named(arm: Robot, tmp_path: Path) -> None:
-    """Numbers in the first line have their columns as names."""
-    path = tmp_path / "log.csv"
-    np.savetxt(path, np.column_stack([*COLUMNS.values()]), delimiter=",")
-    words = r"found: 1, 2, 3, 4; the first line is .*no header\? Name the columns by their numbers"
-    with pytest.raises(LogError, match=words):
-        read_log(path, arm)
-
-
-def test_fifty_samples_are_enough(arm: Robot, tmp_path: Path) -> None:
-    """One less is counted and refused."""
-    columns = {name: values[:50] for name, values in COLUMNS.items()}
-    assert len(read_log(columns, arm).time) == 50
-    with pytest.raises(LogError, match="a log needs 50 samples or more, found 49"):
-        read_log({name: values[:49] for name, values in columns.items()}, arm)
-
-
 def test_a_repair_refuses_a_dead_sensor_in_any_names(arm: Robot, tmp_path: Path) -> None:
     """Only a log with a description was asked whether its sensors are alive."""
     path = written(tmp_path, **{MOTOR: np.zeros(len(TIME))})
     with pytest.raises(LogError, match="is 0 all the time while the other side of the joint"):
         read_log(path, arm, repair=seaid.Repairs())
-
-
-def test_foreign_columns_come_in_by_name_unit_and_factor(arm: Robot, tmp_path: Path) -> None:
-    """Units are converted and factors applied; columns not asked for may hold anything."""
-    rows = zip(*COLUMNS.values(), strict=True)
-    cells = "".join(f"{','.join(map(repr, map(float, row)))},running,\n" for row in rows)
-    (tmp_path / "log.csv").write_text("t,angle,pos,current,state,state\n" + cells)
-    described = {
-        "motor_position": {"column": "angle", "unit": "turn"},
-        "joint_position": {"column": "pos", "unit": "deg"},
-        "motor_torque": {"column": "current", "sign": -1, "scale": 0.0302},
-    }
-    description = {"time": {"column": "t", "unit": "ms"}, "joints": {"arm": described}}
-    log = read_log(tmp_path / "log.csv", arm, description=description)
-    np.testing.assert_allclose(log.time, 1e-3 * TIME, rtol=1e-15)
-    np.testing.assert_allclose(log.motor_position[:, 0], 2 * np.pi * COLUMNS[MOTOR], rtol=1e-15)
-    np.testing.assert_allclose(log.joint_position[:, 0], np.deg2rad(COLUMNS[JOINT]), rtol=1e-15)
-    np.testing.assert_allclose(log.motor_torque[:, 0], -0.0302 * COLUMNS[TORQUE], rtol=1e-15)
 
 
 def test_joints_need_the_sensors_of_their_drive(arm: Robot, tmp_path: Path) -> None:

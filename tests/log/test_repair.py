@@ -81,7 +81,6 @@ RIGHT: dict[str, list[Channel]] = {
 
 @pytest.mark.parametrize("name", RIGHT)
 def test_what_is_no_fault_comes_out_as_it_went_in(name: str) -> None:
-    """A right channel is returned to the last bit, without a word."""
     grid, values, repairs = repaired(RIGHT[name])
     assert repairs == ()
     assert np.array_equal(grid, T)
@@ -390,7 +389,6 @@ def test_a_dead_channel_is_named_and_left() -> None:
 
 
 def test_stamps_that_are_not_finite_are_left_out() -> None:
-    """The samples around them stay where they are."""
     torn = T.copy()
     torn[[7, 100, 101]] = np.nan
     grid, values, repairs = repaired([Channel(POSITION, torn, angle(T))])
@@ -399,7 +397,6 @@ def test_stamps_that_are_not_finite_are_left_out() -> None:
 
 
 def test_a_channel_that_was_not_measured_stays_unknown_when_it_is_late() -> None:
-    """A delay of a channel of NaN moves nothing."""
     late = {TORQUE: np.full_like(T, np.nan)}
     within, values = on_time(T, late, {TORQUE: 0.05})
     assert np.all(np.isnan(values[TORQUE]))
@@ -407,7 +404,6 @@ def test_a_channel_that_was_not_measured_stays_unknown_when_it_is_late() -> None
 
 
 def test_saturated_samples_are_counted_and_left() -> None:
-    """Those at the level alone are counted."""
     for level in (2.05, 1.9):
         clipped = Channel(TORQUE, T, np.clip(torque(T), -level, level))
         _, values, repairs = repaired([clipped], Repairs(most_saturated=0.4))
@@ -473,7 +469,6 @@ BEYOND: dict[str, tuple[dict[str, float], list[Channel]]] = {
 
 @pytest.mark.parametrize("words", [*REFUSED, *BEYOND])
 def test_what_is_not_repaired_is_named_with_the_limit(words: str) -> None:
-    """A log beyond a limit is refused with the channel, the size, and the key of the limit."""
     limits, channels = BEYOND.get(words) or ({}, REFUSED[words])
     with pytest.raises(LogError, match=words):
         repaired(channels, Repairs(**limits))

@@ -63,7 +63,6 @@ def test_answers_come_back_to_each_thread() -> None:
     ],
 )
 def test_what_goes_wrong_is_said(kind: str, seconds: float, words: str) -> None:
-    """A child that crashes, hangs or ends is named with what it did."""
     with pytest.raises(ChildError, match=f"^{words}") as caught, child(seconds) as call:
         call(failing, kind)
     assert len(str(caught.value)) < 400

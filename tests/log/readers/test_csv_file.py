@@ -63,7 +63,6 @@ def text_of(delimiter: str, decimal: str = ".", head: str = "") -> str:
 def test_what_is_no_table_is_named_with_its_place(
     tmp_path: Path, content: bytes, words: str
 ) -> None:
-    """Whatever is no table of numbers is refused with its line and column."""
     path = tmp_path / "log.csv"
     path.write_bytes(content)
     text = error_of(path, "1" if content[:1] == b"1" else "a[1]" if b"[1, " in content else "a")
@@ -124,6 +123,7 @@ CELLS: tuple[tuple[str, dict[str, list[float | None]]], ...] = (
     ("a,b\n1,2\nNA,3\nn/a,3\n#N/A,3\nnull,3\nNone,3\nnan,3\n,3\n", {"a": [1.0, *BLANK]}),
     ("on,off\nTrue,false\nFALSE,true\n", {"on": [1.0, 0.0], "off": [0.0, 1.0]}),
     ("1.5\n2.5\n", {"1": [1.5, 2.5]}),
+    ("a,state,state\n1,running,\n2,,off\n", {"a": [1.0, 2.0]}),  # what is not asked for
     ("\ufeffa,b\n1,2\n3,4\n\n\n", {"a": [1.0, 3.0], "b": [2.0, 4.0]}),
     ("t,q\n0,1,7\n0.1,2,8\n", {"t": [0.0, 0.1], "q": [1.0, 2.0], "unnamed": [7.0, 8.0]}),
     ('t,q\n"1",0,1\n"2",0.1,2\n', {"t": [0.0, 0.1], "q": [1.0, 2.0], "unnamed": [1.0, 2.0]}),
@@ -154,7 +154,6 @@ def test_cells_of_any_kind_are_numbers(
 
 
 def test_a_line_of_truths_dates_or_nothing_is_none_of_units(tmp_path: Path) -> None:
-    """What stands below the names is a line of units only where it may be one."""
     path = tmp_path / "log.csv"
     for line in ("true,False", "NaN,", ",", "12:00:01,x", '"[1, 2]",x', "left"):
         path.write_text(f"a,b\n{line}\n1,2\n")
@@ -164,8 +163,10 @@ def test_a_line_of_truths_dates_or_nothing_is_none_of_units(tmp_path: Path) -> N
 def test_columns_of_a_file_without_header_are_described_by_their_numbers(
     arm: Robot, tmp_path: Path
 ) -> None:
-    """A description numbers the columns from one, as a mapping or in the file beside."""
     path = save(tmp_path / "log.csv", text_of(";", ","))
+    words = r"found: 1, 2, 3; the first line is .*no header\? Name the columns by their numbers"
+    with pytest.raises(LogError, match=words):
+        read_log(path, arm)
     joints = {"arm": {"joint_position": {"column": 2, "unit": "deg"}, "motor_torque": 3}}
     log = read_log(path, arm, description={"time": 1, "joints": joints})
     np.testing.assert_allclose(log.joint_position[:, 0], np.deg2rad(ROWS[:, 1]), atol=1e-6)
@@ -181,7 +182,6 @@ def test_columns_of_a_file_without_header_are_described_by_their_numbers(
 def test_csv_too_large_for_the_memory_is_sent_to_the_long_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The remedy is named."""
     path = tmp_path / "log.csv"
     write(one_log(), path)
     with path.open("r+b") as file:
@@ -195,7 +195,6 @@ def test_csv_too_large_for_the_memory_is_sent_to_the_long_way(
 def test_a_long_file_is_read_in_parts_like_a_short_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The parts of a file are joined without a seam, as small as they may be."""
     path = tmp_path / "log.csv"
     path.write_text("a,b\n" + "".join(f"{k},{k if k % 7 else 'nan'}\n" for k in range(500)))
     whole = open_table(path).load(["b", "a"])

@@ -33,6 +33,7 @@ from seaid.log.readers.opening import READERS, open_table
 from seaid.log.readers.table import check_memory, free_memory
 from seaid.robot import Robot
 from tests.log.readers.files import FORMATS, TIME, error_of, loaded, one_log, save, write
+from tests.measured import LOGS
 from tests.one_joint import one_joint
 from tests.representatives import quick_first
 
@@ -44,7 +45,6 @@ numbers = arrays(np.float64, (50, 3), elements=st.floats(-LARGEST, LARGEST))
 def test_any_log_is_the_same_to_the_last_bit_after_writing_and_reading(
     tmp_path_factory: pytest.TempPathFactory, suffix: str, values: Array, missing: set[str]
 ) -> None:
-    """Any log of any format: written -> read -> the same, and no other file is left."""
     folder = tmp_path_factory.mktemp("log")
     missing -= {"joint_position"} if "motor_position" in missing else set()  # one side is needed
     data: dict[str, Any] = {x: values[:, [k % 3]] for k, x in enumerate(SENSORS)}
@@ -145,6 +145,17 @@ def test_a_matlab_file_is_read(tmp_path: Path, version: str) -> None:
     q = "log" if version == "4" else "log.q"
     assert set(names) == {"t", f"{q}[0]", f"{q}[1]", f"{q}[2]"}
     np.testing.assert_array_equal(open_table(path).load([f"{q}[1]"])[f"{q}[1]"], Q[:, 1])
+
+
+@pytest.mark.hebi
+def test_a_hebi_log_with_bytes_between_its_records_is_read_whole(tmp_path: Path) -> None:
+    """HEBI's own reader passes over them, too."""
+    measured = LOGS / "hebi_x5_unloaded" / "exampleLog.hebilog"
+    path, whole = tmp_path / "log.hebilog", measured.read_bytes()
+    place = whole.index(b"\x73\xb1\x00\x04")
+    path.write_bytes(whole[:place] + bytes(8) + whole[place:])
+    for name, values in open_table(measured).load(["motor_position[0]", "time[0]"]).items():
+        np.testing.assert_array_equal(open_table(path).load([name])[name], values)
 
 
 # What is refused
@@ -250,7 +261,6 @@ REFUSED: tuple[tuple[str, Any, str], ...] = (
 def test_what_is_no_log_is_named_with_its_column(
     tmp_path: Path, name: str, content: Any, words: str
 ) -> None:
-    """Columns that are no numbers, damaged members and files that declare too much are refused."""
     path = save(tmp_path / name, content)
     text = error_of(path, "a")
     assert text.startswith(f"'{path}'")
@@ -265,8 +275,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize(
-    "ending",
-    [pytest.param(x, marks=pytest.mark.hebi if x == ".hebilog" else ()) for x in KINDS],
+    "ending", [pytest.param(x, marks=pytest.mark.hebi if x == ".hebilog" else ()) for x in KINDS]
 )
 @pytest.mark.parametrize(
     "content",  # a process of its own for each bag
@@ -275,7 +284,6 @@ KINDS = {
 def test_what_is_no_file_of_its_ending_is_named(
     tmp_path: Path, ending: str, content: bytes
 ) -> None:
-    """Other content under an ending is said to be none of its files."""
     path = save(tmp_path / f"log{ending}", content)
     assert error_of(path).startswith(f"'{path}' is not {KINDS[ending]}, or a damaged one")
 
@@ -306,7 +314,6 @@ def test_file_that_is_cut_off_is_named(
 def test_missing_package_names_its_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, ending: str, extra: str
 ) -> None:
-    """The command that installs the reader is named."""
     monkeypatch.setitem(sys.modules, module, None)
     text = error_of(save(tmp_path / f"log.{ending}", b""))
     assert f"need the package {module.split('.')[0]}, which is not installed" in text
@@ -326,14 +333,12 @@ def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
 
 
 def test_json_logs_cannot_be_read_in_pieces(arm: Robot, tmp_path: Path) -> None:
-    """The formats that can be are listed."""
     write(one_log(), tmp_path / "log.json")
     with pytest.raises(LogError, match=r"'\.json' logs cannot be read in pieces; allowed: \.csv"):
         open_long_log(tmp_path / "log.json", arm)
 
 
 def test_npz_in_pieces_declares_no_more_than_fits(arm: Robot, tmp_path: Path) -> None:
-    """A piece is measured before it is read."""
     names = ("time_s", *(f"arm.{one}" for one in ("motor_position_rad", "motor_torque_Nm")))
     content = npz(zipfile.ZIP_DEFLATED, **{name: npy("(1000000000,)") for name in names})
     (tmp_path / "log.npz").write_bytes(content)
@@ -436,7 +441,6 @@ def test_what_fits_depends_on_the_memory_and_on_the_file(
 
 
 def test_free_memory_is_also_what_the_limit_of_the_process_leaves() -> None:
-    """A limit of the process counts as the memory of the machine does."""
     resource = pytest.importorskip("resource")
     old = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (60 * 10**9, old[1]))

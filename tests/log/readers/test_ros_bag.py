@@ -140,7 +140,6 @@ def described(position: str) -> dict[str, Any]:
 
 @pytest.mark.slow  # 0.8 s
 def test_topics_with_clocks_of_their_own_become_one_log(tmp_path: Path, arm: Robot) -> None:
-    """The stamps of each topic are those of its quantities."""
     path = write_bag(tmp_path / "bag")
     log = read_log(path, arm, description=described(f"{JOINTS}/position[a]"))
     assert len(log.time) == COUNT
@@ -161,7 +160,6 @@ def test_topics_with_clocks_of_their_own_become_one_log(tmp_path: Path, arm: Rob
 def test_bag_without_the_topic_or_field_says_what_is_there(
     bags: Sequence[Path], arm: Robot, position: str, words: str
 ) -> None:
-    """A topic or a field of a similar name is named, else those that there are."""
     path = f"'{bags[0]}': [joints.arm] joint_position: no "
     with pytest.raises(LogError, match=re.escape(path) + ".*" + re.escape(words)):
         read_log(bags[0], arm, description=described(position))
@@ -171,7 +169,6 @@ def test_bag_without_the_topic_or_field_says_what_is_there(
 def test_folder_without_a_bag_and_bag_without_messages_are_named(
     tmp_path: Path, arm: Robot
 ) -> None:
-    """There is nothing to read in either."""
     (tmp_path / "empty").mkdir()
     with pytest.raises(LogError, match="is a folder without a ROS bag"):
         read_log(tmp_path / "empty", arm)
