@@ -70,7 +70,6 @@ def test_choices_are_those_of_the_library() -> None:
     ],
 )
 def test_defaults_are_those_of_the_library(command: Any, function: Any, names: str) -> None:
-    """By the signatures of both."""
     of_command, of_library = signature(command).parameters, signature(function).parameters
     for name in names.split():
         assert of_command[name].default == of_library[name].default, name

@@ -1,18 +1,10 @@
-"""Mistakes at the command line: each error names the place, what is allowed, and the option.
-
-Those in files are named by the library; those that need physics are the severe ones of the
-gauntlet, on the leg, handed over as files.
-"""
+"""Mistakes at the command line: each error names the place, what is allowed, and the option."""
 
 from pathlib import Path
 
 import pytest
-import tomli_w
 
-from scripts.gauntlet_mistakes import Case, Setup, mistakes
-from scripts.gauntlet_robots import subjects
 from tests.cli.small_arm import refused, run
-from tests.plants import write_columns
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -121,38 +113,3 @@ def test_wrong_usage_has_its_own_exit_code(
     said = run(*line.split())
     assert said.code == 2
     assert USAGE[line] in " ".join(said.err.split())
-
-
-def handed_over(setup: Setup, folder: Path) -> list[str]:
-    """Write a set-up as files, and return the arguments of a command with them."""
-    (folder / "robot.urdf").write_text(setup.urdf)
-    line = ["robot.urdf"]
-    for number, (log, description) in enumerate(zip(setup.logs, setup.descriptions, strict=True)):
-        line.append(str(write_columns(folder / f"run{number}.csv", log, "%.17g")))
-        if description:
-            (folder / f"run{number}.toml").write_text(tomli_w.dumps(description))
-    if setup.drives is not None:
-        (folder / "drives.toml").write_text(tomli_w.dumps(setup.drives))
-        line += ["--drives", "drives.toml"]
-    for payload in setup.payloads:
-        line += ["--payload", payload]
-    return [*line, "--gravity", ",".join(map(str, setup.gravity))]
-
-
-SEVERE = {one.name: one for one in mistakes() if one.form == "severe"}
-
-
-@pytest.mark.slow  # each simulates and identifies a leg
-@pytest.mark.parametrize("name", [*SEVERE])
-def test_a_mistake_of_the_set_up_is_named(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mistake, case = SEVERE[name], Case(subjects()["leg"])
-    setup = mistake.change(case, case.setup(mistake.truth, mistake.logs))
-    assert setup is not None
-    monkeypatch.chdir(tmp_path)
-    said = run("identify", *handed_over(setup, tmp_path))
-    text = " ".join((said.err + said.out).split())
-    named = any(f" {code}: " in text for code in mistake.codes)
-    refused = said.code == 1 and any(word in text for word in mistake.words)
-    assert named or refused, text[:1500]
