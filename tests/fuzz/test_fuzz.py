@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import seaid
-from seaid.errors import LogError, RobotError
+from seaid.errors import LogError
 from tests.fuzz import seeds
 from tests.fuzz.targets import TARGETS, run_case
 
@@ -26,7 +26,6 @@ CASES |= {"parquet": 10, "hdf5": 10, "csv": 10, "parameters": 10}
 @pytest.mark.slow  # 2.1 s
 @pytest.mark.parametrize("name", sorted({*TARGETS} - {"command"}))  # which has its own test below
 def test_damaged_content_is_taken_or_refused_in_our_words(name: str, tmp_path: Path) -> None:
-    """No damage ends in an error that is not ours, or in a result that breaks a law."""
     if name == "hebilog":
         pytest.importorskip("hebi", reason="HEBI's reader is not installed")
     kinds = [kind_of(name, seed, tmp_path) for seed in range(CASES.get(name, 25))]
@@ -57,7 +56,6 @@ def test_a_case_is_its_target_and_seed(name: str, tmp_path: Path) -> None:
 def test_commands_are_taken_or_refused_and_write_nothing_outside_of_their_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Any words of a command line are taken or refused."""
     around = tmp_path / "x" / "y" / "z"
     around.mkdir(parents=True)
     monkeypatch.chdir(around)
@@ -73,22 +71,8 @@ names = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
 
 @given(st.lists(names, min_size=1, max_size=6, unique=True))
 def test_columns_of_any_names_are_described_or_refused(found: list[str]) -> None:
-    """Any names of columns are described or refused."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.json"
         path.write_text(json.dumps({name: [0.0, 0.1, 0.3] for name in found}))
         with suppress(LogError):
             seaid.describe_log(path)
-
-
-letters = st.sampled_from(
-    [*"ctqdx01.+-*/^(), _'\"[]{}", "theta_M_dot", "sin", "𝐞val", "**", "9**9"]
-)
-
-
-@given(st.lists(letters, max_size=12).map("".join))
-def test_extra_terms_of_any_letters_are_taken_or_refused(text: str) -> None:
-    """Any text of an extra term is taken or refused."""
-    drive = {"type": "stiff", "gear_ratio": 50.0, "extra_terms": [text]}
-    with suppress(RobotError):
-        seaid.load_robot(seeds.ARM_URDF, {"wrist": drive})
