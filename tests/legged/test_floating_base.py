@@ -156,12 +156,6 @@ def test_what_is_late_as_a_whole_is_named_with_the_line_that_repairs_it(
     assert not doubtful_delays(fitted(robot, repaired))
 
 
-@pytest.mark.slow  # fits of a whole quadruped
-@pytest.mark.parametrize("seed", range(3))
-def test_a_base_and_torques_in_time_are_not_late(seed: int) -> None:
-    assert not doubtful_delays(fitted(STANDING.without_nominal(), noisy(swayed(), 10 + seed)))
-
-
 @cache
 def found_standing() -> seaid.Identification:
     return fitted(STANDING.without_nominal(), swayed())
