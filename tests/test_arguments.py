@@ -11,14 +11,7 @@ import sympy
 
 import seaid
 from seaid.drives import PARAMETERS_OF, terms
-from seaid.errors import (
-    LogError,
-    SeaidError,
-    SymbolicError,
-    UnknownNameError,
-    checked,
-    hints_of,
-)
+from seaid.errors import LogError, SeaidError, SymbolicError, UnknownNameError, checked, hints_of
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.excitation import BasisName
 from seaid.excitation.basis import _LEAST
@@ -51,27 +44,12 @@ CALLS: list[tuple[str, list[Any], dict[str, Any], str]] = [
     ),
     ("identify", ["robot", "log"], {"method": 2}, "must be 'auto', 'two-step' or 'simultaneous'"),
     ("identify", ["robot", "log"], {"estimater": "ols"}, "no argument is named 'estimater'"),
-    (
-        "identify",
-        ["robot", "log", ["a"]],
-        {},
-        "too many positional arguments; write identify",
-    ),
+    ("identify", ["robot", "log", ["a"]], {}, "too many positional arguments; write identify"),
     ("cross_validate", ["robot", "log"], {"cutoff": 8.0}, "did you mean 'cutoff_hz'"),
     ("identify", ["robot", "log"], {"cutoff_hz": "8"}, "must be a number, found the text '8'"),
     ("load_robot", ["leg.urdf"], {"payloads": PAYLOAD}, r"put it into a list: payloads=\["),
-    (
-        "write_drives",
-        ["robot", "drives.toml"],
-        {},
-        "drives= must be a mapping, found a Robot",
-    ),
-    (
-        "read_log",
-        ["run.csv"],
-        {},
-        r"argument: 'robot'; write read_log\(path, robot, ",
-    ),
+    ("write_drives", ["robot", "drives.toml"], {}, "drives= must be a mapping, found a Robot"),
+    ("read_log", ["run.csv"], {}, r"argument: 'robot'; write read_log\(path, robot, "),
     ("identifiability", ["robot", "deflection"], {}, "must be a list of names or a mapping"),
     ("identify_conditions", [CONDITIONS], {}, r"'cold' must be \(robot, logs\), found 'log'"),
     ("write_report", ["robot", "a.html", "result"], {}, "must be an Identification"),

@@ -51,10 +51,7 @@ NO_VECTORS: tuple[Any, ...] = ("abc", ["1", "x"], [[1.0], [1.0, 2.0]], None, {})
             )
         ),
         (lambda: check_rate("10", 4.0), "rate_hz must be a number, found '10'"),
-        (
-            lambda: check_rate(1e-320, 4.0, 0.1),
-            r"finite and more than 0\.1, found 1e-320",
-        ),
+        (lambda: check_rate(1e-320, 4.0, 0.1), r"finite and more than 0\.1, found 1e-320"),
         (
             lambda: check_rate(1e15, 4.0),
             r"rate_hz must be at most 2.5e\+06, .* 10,000,000 samples, found 1e\+15",
@@ -127,6 +124,5 @@ def test_failures_are_said_in_words(
     ],
 )
 def test_places_where_numbers_of_a_user_arrive(solve: Callable[[], Any], words: str) -> None:
-    """Each names what was to be solved."""
     with pytest.raises(SeaidError, match=words):
         solve()

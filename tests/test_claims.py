@@ -100,7 +100,6 @@ def test_a_run_without_its_figure_is_a_problem(command: str, seconds: float, mes
 def test_tolerances_are_shares_or_numbers(
     figure: str, within: str, printed: str, agrees: bool
 ) -> None:
-    """A word is that word."""
     assert Claim("leg.k", "", figure, within, "k = (.*)").agrees(printed) is agrees
 
 

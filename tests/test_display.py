@@ -102,7 +102,6 @@ def test_every_object_has_one_line_and_html_with_the_content_of_its_text(
     ],
 )
 def test_values_are_short(value: Any, text: str) -> None:
-    """Arrays of a few numbers are shown whole."""
     assert value_text(value) == text
 
 

@@ -131,7 +131,6 @@ def test_code_of_a_page_runs_and_prints_what_the_page_says(
 
 
 def test_commands_of_the_readme_are_run_by_ci_as_they_stand() -> None:
-    """All blocks of a shell, in their order."""
     script = (ROOT / ".ci/run").read_text("utf-8")
     assert 'python3 .ci/readme_commands.py README.md >"$stranger/commands"\n' in script
     assert 'step bash -euxo pipefail "$stranger/commands"\n' in script

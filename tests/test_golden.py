@@ -82,7 +82,6 @@ def test_each_change_is_one_difference(key: str, record: Record | None, kind: st
 
 
 def test_missing_and_additional_cases_are_differences() -> None:
-    """They have no record."""
     old = before()
     without = replace(old, cases={name: old.cases[name] for name in ("leg", "wrong one")})
     assert found(without) == [("measured", "arm", "", "missing")]

@@ -101,7 +101,6 @@ def test_numbers_are_no_texts_and_no_truths() -> None:
 def test_names_of_any_letters_come_back_from_drives_and_descriptions(
     tmp_path_factory: pytest.TempPathFactory, joint: str, column: str
 ) -> None:
-    """Written and read again they are the same."""
     path = tmp_path_factory.mktemp("names") / "log.toml"
     drives: dict[str, Drive] = {joint: StiffDrive(gear_ratio=3.0, transmission={joint: 2.0})}
     write_drives(drives, path.with_name("drives.toml"))
@@ -130,7 +129,6 @@ NOT_ZERO = "that is not zero, found"
 def test_a_description_of_wrong_types_is_told_in_words(
     tmp_path: Path, source: object, words: str
 ) -> None:
-    """The words are few, however long the value."""
     with pytest.raises(LogError) as caught:
         description_for(tmp_path / "log.csv", {"joints": {"a": {"joint_position": source}}})
     assert words in str(caught.value)
