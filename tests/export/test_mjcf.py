@@ -4,8 +4,9 @@ MuJoCo's RK4 and the plant's are the same scheme: with the same steps and the sa
 differ by rounding only, but for friction, which needs shorter steps in MuJoCo.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +24,12 @@ from seaid.legged import load_robot
 from seaid.robot import Robot
 from seaid.simulation.forward_dynamics import advance, begin_of
 from seaid.simulation.plant import JOINT_SPEED, SPEED, plant_of
+from tests import terms
 from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log
 from tests.one_joint import BODY
 from tests.plants import body, tree, write_robot
 from tests.regressor.trees import SLIDE, Joint, joints, joints_of
-from tests.terms import ELASTIC, STIFF, with_terms
+from tests.terms import ELASTIC, STIFF
 from tests.terms import arm as two_joints
 
 mujoco = pytest.importorskip("mujoco")
@@ -122,16 +124,7 @@ ROBOTS: dict[str, Callable[[], Robot]] = {"leg": leg, "mixed arm": arm, "stiff a
 
 VISCOUS: tuple[str, ...] = ("viscous",)
 
-
-def stiff(values: Mapping[str, float], **terms: Any) -> Drive:
-    drive: Drive = with_terms(STIFF, {"friction": VISCOUS, **terms}, values)
-    return drive
-
-
-def elastic(values: Mapping[str, float], **terms: Any) -> Drive:
-    drive: Drive = with_terms(ELASTIC, {"friction": VISCOUS, **terms}, values)
-    return drive
-
+stiff, elastic = (partial(drive, friction=VISCOUS) for drive in (terms.stiff, terms.elastic))
 
 PULLED = {"parallel_stiffness": 7.0, "parallel_preload": -1.5}
 

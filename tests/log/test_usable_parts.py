@@ -19,9 +19,9 @@ from seaid.log.usable_parts import FROZEN, REST, REST_S, holes, usable
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion
+from tests.mistakes import with_channels
 
 TIME = np.arange(6000) / 1000
-KNEE = leg().index("knee_pitch")
 
 
 def with_rest(motion: Motion, before_s: float, after_s: float) -> tuple[Motion, float, float]:
@@ -34,13 +34,6 @@ def with_rest(motion: Motion, before_s: float, after_s: float) -> tuple[Motion, 
     }
     time = np.arange(len(parts["motor_position"])) / motion.rate_hz
     return replace(motion, time=time, **parts), before_s, float(time[-1]) - after_s
-
-
-def changed(log: Log, field: str, index: int, values: Array) -> Log:
-    samples = log.sensors()[field].copy()
-    samples[:, index] = values
-    parts: dict[str, Any] = {field: samples}
-    return replace(log, **parts)
 
 
 def frozen_at(values: Array, start: int, end: int) -> Array:
@@ -134,8 +127,7 @@ def test_rest_of_a_coarse_encoder_that_toggles_is_rest() -> None:
 @pytest.mark.parametrize(("start", "end"), [(2000, 2300), (4800, 6001)])
 def test_a_frozen_channel_is_excluded_and_said(field: str, start: int, end: int) -> None:
     plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
-    values = frozen_at(plain.sensors()[field][:, KNEE], start, end)
-    log = changed(plain, field, KNEE, values)
+    log = with_channels(plain, "knee_pitch", **{field: lambda x: frozen_at(x, start, end)})
     part = usable(log)
     kept = np.isin(plain.time, part.time)
     assert not np.any(kept[start + 1 : end])
@@ -175,8 +167,8 @@ def test_a_frozen_channel_is_refused_where_nothing_can_be_excluded(tmp_path: Pat
     with pytest.raises(LogError, match=r"frozen in 75% of its samples, allowed 50%; a\.joint_posi"):
         usable(log)
     plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
-    frozen = frozen_at(plain.joint_position[:, KNEE], 2000, 2300)
-    seaid.write_log(changed(plain, "joint_position", KNEE, frozen), tmp_path / "log.npz")
+    frozen = with_channels(plain, "knee_pitch", joint_position=lambda x: frozen_at(x, 2000, 2300))
+    seaid.write_log(frozen, tmp_path / "log.npz")
     with pytest.raises(LogError, match=r"repeated for up to 0\.298 s; excluded; a log that"):
         seaid.open_long_log(tmp_path / "log.npz", leg(), cutoff_hz=6.0)
 
