@@ -71,6 +71,7 @@ names = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
 
 @given(st.lists(names, min_size=1, max_size=6, unique=True))
 def test_columns_of_any_names_are_described_or_refused(found: list[str]) -> None:
+    """Any names of columns are described or refused."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.json"
         path.write_text(json.dumps({name: [0.0, 0.1, 0.3] for name in found}))
