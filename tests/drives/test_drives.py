@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid.drives import AngleRatio, SeriesElasticDrive, StiffDrive, spring_force
+from seaid.drives import AngleRatio, Controller, SeriesElasticDrive, StiffDrive, spring_force
 from seaid.errors import RobotError
 
 PULLEYS: dict[str, Any] = {"motor_pulley_radius_m": 0.02, "load_pulley_radius_m": 0.04}
@@ -49,16 +49,10 @@ def test_stiff_drive_has_the_face_of_an_elastic_one_but_takes_no_spring() -> Non
         StiffDrive(gear_ratio_rad_per_m=100.0, torque_ripple={"joint": [1]})
     with pytest.raises(RobotError, match="angle_ratio cos must be finite"):
         StiffDrive(gear_ratio=100.0, angle_ratio=AngleRatio(cos=(np.nan,)))
-
-
-def test_known_values_stay_without_the_nominal_ones() -> None:
-    """What a drive was built with stays, what an identification estimates goes."""
-    terms: dict[str, Any] = {"friction": ("viscous",), "extra_terms": ("c*theta_M_dot",)}
-    nominal = StiffDrive(50.0, viscous_friction_Nms_per_rad=1e-3, coulomb_friction_Nm=0.1, **terms)
-    assert nominal.without_nominal() == StiffDrive(50.0, **terms)
-    spring: dict[str, Any] = {"stiffness_N_per_m": 1e4, "coulomb_friction_Nm": 0.1}
-    known = SeriesElasticDrive(50.0, 1e-6, **PULLEYS)
-    assert SeriesElasticDrive(50.0, 1e-6, **spring, **PULLEYS).without_nominal() == known
+    for gain in ("position_gain_Nm_per_rad", "feedforward_Nm"):
+        gains: dict[str, Any] = {"position_gain_Nm_per_rad": 1.0, gain: np.inf}
+        with pytest.raises(RobotError, match=f"{gain} must be .* finite, found inf"):
+            Controller(**gains)
 
 
 POSITIVE = ("gear_ratio", "motor_pulley_radius_m", "load_pulley_radius_m", "stiffness_N_per_m")
