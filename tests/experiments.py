@@ -165,6 +165,11 @@ def with_named_friction(robot: Robot) -> Robot:
     return robot.with_drives(drives)
 
 
+def with_drive(robot: Robot, joint: str, **fields: Any) -> Robot:
+    """Return a robot whose drive of a joint has other fields."""
+    return robot.with_drives({joint: replace(robot.drives[joint], **fields)})
+
+
 def drive_errors(found: Identification, truth: Robot, *names: str) -> dict[str, float]:
     """Return {'stiffness of knee_pitch': relative error} of what was found."""
     return {

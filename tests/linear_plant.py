@@ -15,11 +15,42 @@ from tests.plants import write_robot
 RATE_HZ = 1000.0
 
 
-def state_space(mass: Array, stiffness: Array, damping: Array) -> tuple[Array, Array]:
-    """Return A and B of positions and their speeds, driven at the first mass."""
+def state_space(
+    mass: Array, stiffness: Array, damping: Array, inputs: int = 1
+) -> tuple[Array, Array]:
+    """Return A and B of positions and their speeds, driven at the first masses."""
     inverse, nothing = np.linalg.inv(mass), np.zeros_like(mass)
     A = np.block([[nothing, np.eye(len(mass))], [-inverse @ stiffness, -inverse @ damping]])
-    return A, np.vstack([nothing[:, :1], inverse[:, :1]])
+    return A, np.vstack([nothing[:, :inputs], inverse[:, :inputs]])
+
+
+def driven(
+    matrices: tuple[Array, Array], inputs: Array, rate_hz: float, coulomb: float = 0.0
+) -> Array:
+    """Return the states (T, 2 n) from rest under inputs (T, m), and a friction of the first mass.
+
+    Inputs are linear between the samples, or held if there is friction.
+    """
+    A, B = matrices
+    everything = (A, B, np.eye(len(A)), 0 * B)
+    Ad, Bd, C, D, _ = cont2discrete(everything, 1 / rate_hz, "zoh" if coulomb else "foh")
+    speed = len(A) // 2  # of the motor
+    state, states = np.zeros(len(A)), np.empty((len(inputs), len(A)))
+    for t, u in enumerate(inputs):
+        states[t] = C @ state + D @ u
+        if coulomb:
+            u = u - coulomb * np.tanh(state[speed] / 0.5)
+        state = Ad @ state + Bd @ u
+    return states
+
+
+def log_of(
+    joints: tuple[str, ...], torque: Array, motor: Array, position: Array | None = None
+) -> Log:
+    """Return the log of torques and motor angles (T, n), without encoders of the joints."""
+    nothing = np.full_like(motor, np.nan)
+    time = np.arange(len(torque)) / RATE_HZ
+    return Log(time, joints, motor, nothing if position is None else position, torque)
 
 
 @dataclass(frozen=True)
@@ -71,32 +102,15 @@ class TwoMass:
         joint: bool = False,
     ) -> Log:
         """Drive the plant from rest by a torque (T,) that is linear between its samples."""
-        A, B = self.matrices
-        substeps = 1 if coulomb == 0 else 5
+        substeps = 5 if coulomb else 1
         rate = RATE_HZ * substeps
         # held over a substep, so that of its middle
         middle = np.arange(len(torque) * substeps) + (0.5 if coulomb else 0.0)
         fine = np.interp(middle / rate, np.arange(len(torque)) / RATE_HZ, torque)
-        Ad, Bd, C, D, _ = cont2discrete(
-            (A, B, np.eye(len(A)), 0 * B), 1 / rate, "foh" if not coulomb else "zoh"
-        )
-        speed = len(A) // 2  # of the motor
-        state, states = np.zeros(len(A)), np.empty((len(fine), len(A)))
-        for t, u in enumerate(fine):
-            states[t] = C @ state + D[:, 0] * u
-            if coulomb:
-                u = u - coulomb * np.tanh(state[speed] / 0.5)
-            state = Ad @ state + Bd[:, 0] * u
-        states = states[::substeps]
-        rng = np.random.default_rng(seed)
-        noise = rng.normal(size=(2, len(torque)))
-        return Log(
-            time=np.arange(len(torque)) / RATE_HZ,
-            joint_names=("arm",),
-            motor_position=(states[:, 0] + angle_std * noise[0])[:, None],
-            joint_position=np.where(joint, states[:, 1], np.nan)[:, None],
-            motor_torque=(torque + torque_std * noise[1])[:, None],
-        )
+        states = driven(self.matrices, fine[:, None], rate, coulomb)[::substeps]
+        noise = np.random.default_rng(seed).normal(size=(2, len(torque), 1))
+        motor, position = states[:, :1] + angle_std * noise[0], states[:, 1:2] if joint else None
+        return log_of(("arm",), torque[:, None] + torque_std * noise[1], motor, position)
 
     def robot(self, folder: Path, *, nominal: bool = True) -> Robot:
         """The robot of a pendulum with these numbers; without `nominal` k and F are not known."""

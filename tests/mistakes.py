@@ -46,6 +46,17 @@ def with_channels(recorded: Recorded, joint: str, **changes: Callable[[Array], A
     return replace(recorded, **columns)
 
 
+def unlogged(log: Log, *channels: str) -> Log:
+    """Return the log without some channels."""
+    nothing: dict[str, Any] = dict.fromkeys(channels, np.full_like(log.joint_position, np.nan))
+    return replace(log, **nothing)
+
+
+def in_currents(log: Log, constants: Array | float) -> Log:
+    """Return the log with motor currents in place of torques, by torque constants [N m/A]."""
+    return replace(unlogged(log, "motor_torque"), motor_current=log.motor_torque / constants)
+
+
 def with_torque(joint: str, more: Array | float) -> Log:
     """Return the log of the leg with a motor that needs more torque for the same motion."""
     return with_channels(leg_log(3), joint, motor_torque=lambda x: x + more)

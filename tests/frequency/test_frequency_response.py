@@ -10,20 +10,30 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.signal import cont2discrete
 
 import seaid
 from seaid._arrays import Array
 from seaid.frequency import FrequencyResponse, frequency_response
 from seaid.frequency.linear_joints import linearised
 from seaid.log import Log
-from tests.linear_plant import RATE_HZ, ThreeMass, TwoMass, multisine_torque
+from tests.experiments import with_drive
+from tests.linear_plant import (
+    RATE_HZ,
+    ThreeMass,
+    TwoMass,
+    driven,
+    log_of,
+    multisine_torque,
+    state_space,
+)
+from tests.mistakes import unlogged
 from tests.one_joint import chain
 from tests.representatives import quick_first
 
 MODELS = Path(__file__).parents[2] / "models"
 PLANT = TwoMass()
 NAMES = ("resonance", "resonance_damping", "antiresonance", "antiresonance_damping")
+ALL = (*NAMES, "stiffness", "spring_damping", "load_inertia", "viscous_friction")
 
 
 @cache
@@ -33,13 +43,8 @@ def clean_log(seed: int = 0, top_hz: float = 25.0) -> Log:
 
 def with_noise(log: Log, seed: int, torque_std: float = 0.005, angle_std: float = 1e-3) -> Log:
     noise = np.random.default_rng(seed).normal(size=(2, len(log.time), 1))
-    nothing = np.full_like(log.joint_position, np.nan)
-    return replace(
-        log,
-        motor_torque=log.motor_torque + torque_std * noise[0],
-        motor_position=log.motor_position + angle_std * noise[1],
-        joint_position=nothing,
-    )
+    torque, motor = log.motor_torque + torque_std * noise[0], log.motor_position
+    return log_of(("arm",), torque, motor + angle_std * noise[1])
 
 
 def values(found: FrequencyResponse, *names: str) -> Array:
@@ -58,23 +63,18 @@ def test_springs_of_a_linear_plant_need_no_joint_encoder(tmp_path: Path, known: 
         bare = text[: text.index("<inertial>")] + text[text.index("</inertial>") + 11 :]
         (tmp_path / "pendulum.urdf").write_text(bare, "utf-8")
         robot = seaid.load_robot(tmp_path / "pendulum.urdf", robot.drives)
-    log = replace(clean_log(), joint_position=np.full_like(clean_log().joint_position, np.nan))
-    found = frequency_response(robot, log, period_s=4.0)
-    assert values(found, *NAMES) == pytest.approx(PLANT.modes, rel=3e-3)
-    assert values(found, "stiffness", "spring_damping", "load_inertia") == pytest.approx(
-        [PLANT.stiffness, PLANT.damping, PLANT.load], rel=3e-3
-    )
-    assert values(found, "viscous_friction", "gravity_stiffness") == pytest.approx(
-        [PLANT.friction, PLANT.gravity], rel=3e-3
+    found = frequency_response(robot, unlogged(clean_log(), "joint_position"), period_s=4.0)
+    truth = [*PLANT.modes, PLANT.stiffness, PLANT.damping, PLANT.load, PLANT.friction]
+    assert values(found, *ALL, "gravity_stiffness") == pytest.approx(
+        [*truth, PLANT.gravity], rel=3e-3
     )
     assert found.warnings == ()
 
 
 def test_a_rotor_inertia_that_is_not_stated_is_estimated(tmp_path: Path) -> None:
     robot = PLANT.robot(tmp_path)
-    drive = replace(robot.drives["arm"], motor_inertia_kg_m2=None)
-    log = with_noise(clean_log(), 1)
-    found = frequency_response(robot.with_drives({"arm": drive}), log, period_s=4.0)
+    robot, log = with_drive(robot, "arm", motor_inertia_kg_m2=None), with_noise(clean_log(), 1)
+    found = frequency_response(robot, log, period_s=4.0)
     assert values(found, "motor_inertia") == pytest.approx([PLANT.motor_inertia], rel=0.01)
     assert values(found, "stiffness") == pytest.approx([PLANT.stiffness], rel=0.01)
     assert found.warnings == ()
@@ -114,12 +114,11 @@ def test_the_response_is_that_of_the_plant_within_its_standard_deviations(tmp_pa
 def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
     robot = PLANT.robot(tmp_path)
     truth = [*PLANT.modes, PLANT.stiffness, PLANT.damping, PLANT.load, PLANT.friction]
-    names = (*NAMES, "stiffness", "spring_damping", "load_inertia", "viscous_friction")
     scores = []
     for seed in range(30):
         found = frequency_response(robot, with_noise(clean_log(), seed), period_s=4.0)
-        errors = [found.drives["arm"].standard_error(name) for name in names]
-        scores.append((values(found, *names) - truth) / errors)
+        errors = [found.drives["arm"].standard_error(name) for name in ALL]
+        scores.append((values(found, *ALL) - truth) / errors)
     spread = np.sqrt(np.mean(np.array(scores) ** 2))
     held = np.mean(np.abs(scores) < 1.96)
     assert 0.8 < spread < 1.3
@@ -143,12 +142,11 @@ def test_dry_friction_makes_the_nonlinear_variance_and_not_the_noise(tmp_path: P
     assert share[1] > 3.0
     one = frequency_response(robot, logs[1][0], period_s=4.0)
     assert np.median(one.total_std / one.noise_std) > 3.0  # by odd lines that are not excited
-    drive = replace(robot.drives["arm"], coulomb_friction_Nm=0.02, friction=("viscous", "coulomb"))
-    better = frequency_response(robot.with_drives({"arm": drive}), logs[1], period_s=4.0)
+    terms = {"coulomb_friction_Nm": 0.02, "friction": ("viscous", "coulomb")}
+    better = frequency_response(with_drive(robot, "arm", **terms), logs[1], period_s=4.0)
     assert values(better, *NAMES) == pytest.approx(PLANT.modes, rel=0.03)
-    assert better.drives["arm"].standard_error("stiffness") < dry.drives["arm"].standard_error(
-        "stiffness"
-    )
+    errors = [found.drives["arm"].standard_error("stiffness") for found in (better, dry)]
+    assert errors[0] < errors[1]
 
 
 @pytest.mark.slow  # logs of a hundred periods, simulated and fitted
@@ -173,39 +171,28 @@ def test_a_resonance_that_the_log_cannot_show_is_said_with_the_remedy(tmp_path: 
     assert "times the amplitude" in one.remedy
 
 
-def silent() -> Log:
-    return replace(clean_log(), motor_torque=np.full_like(clean_log().motor_torque, np.nan))
-
-
-def still() -> Log:
-    return replace(clean_log(), motor_position=np.zeros_like(clean_log().motor_position))
-
-
-def of_two_rates() -> list[Log]:
-    return [clean_log(), replace(clean_log(), time=clean_log().time / 2)]
-
-
 PLAN = seaid.Trajectory(("arm",), seaid.excitation.make_basis("bspline", 4.0, 8), np.zeros((8, 1)))
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"logs": []}, "needs at least one log"),
-        ({"period_s": 50.0}, "shorter than the period"),
-        ({"period_s": -1.0}, "period_s must be more than zero"),
-        ({"band_hz": (3.0, 1.0)}, "band_hz must be a lowest and a highest"),
-        ({"band_hz": (1.0, 1.1)}, "excited frequencies from 1 to 1.1 Hz"),
-        ({"logs": silent}, "'arm' has no motor torque"),
-        ({"logs": of_two_rates}, "rates from 1000 to 2000 Hz"),
-        ({"logs": still}, "no motor moves"),
-        ({"period_s": None, "plan": PLAN}, "must be a multisine"),
-    ],
-)
-def test_what_has_no_response_is_refused(tmp_path: Path, change: dict[str, Any], says: str) -> None:
+REFUSED: list[tuple[Callable[[Log], dict[str, Any]], str]] = [
+    (lambda _: {"logs": []}, "needs at least one log"),
+    (lambda _: {"period_s": 50.0}, "shorter than the period"),
+    (lambda _: {"period_s": -1.0}, "period_s must be more than zero"),
+    (lambda _: {"band_hz": (3.0, 1.0)}, "band_hz must be a lowest and a highest"),
+    (lambda _: {"band_hz": (1.0, 1.1)}, "excited frequencies from 1 to 1.1 Hz"),
+    (lambda log: {"logs": unlogged(log, "motor_torque")}, "'arm' has no motor torque"),
+    (lambda log: {"logs": [log, replace(log, time=log.time / 2)]}, "rates from 1000 to 2000 Hz"),
+    (lambda log: {"logs": replace(log, motor_position=0 * log.motor_position)}, "no motor moves"),
+    (lambda _: {"period_s": None, "plan": PLAN}, "must be a multisine"),
+]
+
+
+@pytest.mark.parametrize(("change", "says"), REFUSED)
+def test_what_has_no_response_is_refused(
+    tmp_path: Path, change: Callable[[Log], dict[str, Any]], says: str
+) -> None:
     """Logs without a channel, of two rates or at rest, and bands and periods of nothing."""
-    made = {name: value() if callable(value) else value for name, value in change.items()}
-    given: dict[str, Any] = {"logs": clean_log(), "period_s": 4.0} | made
+    given: dict[str, Any] = {"logs": clean_log(), "period_s": 4.0} | change(clean_log())
     with pytest.raises(seaid.errors.IdentificationError, match=says):
         frequency_response(PLANT.robot(tmp_path), **given)
 
@@ -223,13 +210,7 @@ def uneven() -> Log:
         np.interp(moved, log.time, one[:, 0])[:, None]
         for one in (log.motor_torque, log.motor_position)
     )
-    return replace(
-        log,
-        time=moved,
-        motor_position=angle,
-        joint_position=np.full_like(angle, np.nan),
-        motor_torque=torque,
-    )
+    return replace(log_of(("arm",), torque, angle), time=moved)
 
 
 @pytest.mark.slow  # logs of a hundred periods, simulated and fitted
@@ -264,11 +245,8 @@ def test_dry_friction_of_a_third_of_the_torque_leaves_the_spring(tmp_path: Path)
     torque = multisine_torque(0.06, period_s=5.0, periods=2, top_hz=2 * plant.modes[0], left_out=4)
     log = plant.log(torque, coulomb=0.02, torque_std=0.0012)
     stepped = np.round(log.motor_position / (2 * np.pi / 2000)) * (2 * np.pi / 2000)
-    robot = plant.robot(tmp_path)
-    drive = replace(robot.drives["arm"], friction=("viscous", "coulomb"))
-    found = frequency_response(
-        robot.with_drives({"arm": drive}), replace(log, motor_position=stepped), period_s=5.0
-    )
+    robot = with_drive(plant.robot(tmp_path), "arm", friction=("viscous", "coulomb"))
+    found = frequency_response(robot, replace(log, motor_position=stepped), period_s=5.0)
     assert values(found, "stiffness") == pytest.approx([plant.stiffness], rel=6e-3)
     assert found.drives["arm"].standard_error("stiffness") < 3e-3 * plant.stiffness
 
@@ -302,36 +280,21 @@ class Coupled:
         mass = np.block([[np.diag(self.inertia), nothing], [nothing, M]])
         stiffness = np.block([[springs, -springs], [-springs, springs + G]])
         damping = np.block([[dampers + np.diag(self.friction), -dampers], [-dampers, dampers]])
-        inverse = np.linalg.inv(mass)
-        A = np.block([[np.zeros((4, 4)), np.eye(4)], [-inverse @ stiffness, -inverse @ damping]])
-        B = np.vstack([np.zeros((4, 2)), inverse[:, :2]])
-        Ad, Bd, C, D, _ = cont2discrete((A, B, np.eye(8), 0 * B), 1 / RATE_HZ, "foh")
-        torque = np.stack(
-            [
-                multisine_torque(10 * M[i, i], period_s=5.0, seed=10 * seed + i, top_hz=25.0)
-                for i in range(2)
-            ],
-            axis=1,
-        )
-        state, angles = np.zeros(8), np.empty_like(torque)
-        for t, u in enumerate(torque):
-            angles[t] = (C @ state + D @ u)[:2]
-            state = Ad @ state + Bd @ u
-        noise = 0.2 * np.diag(M) * np.random.default_rng(seed).normal(size=torque.shape)
-        return Log(
-            time=np.arange(len(torque)) / RATE_HZ,
-            joint_names=("one", "two"),
-            motor_position=100 * angles,
-            joint_position=np.full_like(angles, np.nan),
-            motor_torque=(torque + noise) / 100,
-        )
+        sizes = 10 * np.diag(M)
+        waves = [
+            multisine_torque(size, period_s=5.0, seed=10 * seed + i) for i, size in enumerate(sizes)
+        ]
+        torque = np.stack(waves, axis=1)
+        angles = driven(state_space(mass, stiffness, damping, 2), torque, RATE_HZ)[:, :2]
+        noise = 0.02 * sizes * np.random.default_rng(seed).normal(size=torque.shape)
+        return log_of(("one", "two"), (torque + noise) / 100, 100 * angles)
 
     def robot(self, folder: Path, *, rotors: bool) -> seaid.Robot:
         """The robot without any value of springs, friction and bodies."""
-        chain(folder, "one", "two")
         drive = {"type": "series_elastic", "gear_ratio": 100.0, "friction": ["viscous"]}
         drive["spring"] = ["linear", "damping"]
         known = [{"motor_inertia_kg_m2": one / 1e4} if rotors else {} for one in self.inertia]
+        chain(folder, "one", "two")
         drives = {joint: drive | own for joint, own in zip(("one", "two"), known, strict=True)}
         return seaid.load_robot(folder / "robot.urdf", drives).without_nominal()
 
