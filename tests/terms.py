@@ -14,7 +14,7 @@ import numpy as np
 import sympy as sp
 
 from seaid._arrays import Array
-from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation, spring_force
+from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation
 from seaid.drives.equations import SYMBOLS, DriveEquation, d_0, f_0, joint_equation, known_values
 from seaid.drives.regressor import flat_names
 from seaid.estimation import estimator_named
@@ -29,7 +29,7 @@ from seaid.identification.two_step import ONLY, Condition, estimate_two_step, jo
 from seaid.legged import load_robot
 from seaid.log import Log, Motion
 from seaid.regressor import joint_torques
-from seaid.robot import Payload, Robot
+from seaid.robot import Robot
 from tests.experiments import motion_of
 
 PERIOD_S, RATE_HZ = 8.0, 250.0
@@ -274,6 +274,3 @@ def _waves(rng: np.random.Generator, reach: float) -> Array:
         amplitude = rng.normal() / harmonic**0.7
         wave += amplitude * np.sin(2 * np.pi * harmonic * TIME / PERIOD_S + rng.uniform(0, 7))
     return np.asarray(reach * wave / np.max(np.abs(wave)))
-
-
-__all__ = ["ELASTIC", "STIFF", "Payload", "arm", "exact_motion", "identified", "spring_force"]

@@ -16,12 +16,11 @@ from seaid.estimation.qr_factor import fitted_slope
 from seaid.identification import check
 from seaid.log import Log
 from seaid.robot import Payload, Robot
-from seaid.simulation.simulation import measure
-from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_log, leg, leg_log, leg_motion
-from tests.mistakes import CASES, changed, described, of_joint, worst
+from tests.experiments import TEST_MASS, arm, arm_log, leg, leg_log, leg_motion
+from tests.mistakes import CASES, changed, described, of_joint, unlogged, worst
 from tests.one_joint import one_joint
 from tests.plants import log_with
-from tests.representatives import quick_first, quick_only
+from tests.representatives import quick_only
 
 
 @pytest.mark.parametrize(("case", "seed"), quick_only(product(CASES, range(3)), [("arm", 1)]))
@@ -88,8 +87,7 @@ def test_torques_behind_the_gears_under_the_name_of_the_motors() -> None:
     assert joints == {
         joint: {"joint_torque": f"{joint}.motor_torque_Nm"} for joint in robot.elastic_joints
     }
-    unknown = np.full_like(sensed, np.nan)
-    right = replace(leg_log(), motor_torque=unknown, joint_torque=sensed)
+    right = replace(unlogged(leg_log(), "motor_torque"), joint_torque=sensed)
     assert seaid.check(robot, right).warnings == ()
 
 
@@ -112,14 +110,6 @@ def test_a_tilt_of_few_degrees_is_distinguished_from_errors_of_nominal_masses(se
     # A joint that slides along the tilted axis shows the tilt with any bodies.
     assert finding.evidence["misfit without it"] < 0.01 < 0.1 < finding.evidence["misfit as given"]
     assert finding.evidence["tilt [deg]"] == pytest.approx(4.0, abs=0.1)
-
-
-@pytest.mark.parametrize(("joint", "seed"), quick_first([("knee_pitch", 11), ("hip_roll", 12)]))
-def test_a_torque_constant_is_estimated_by_the_bodies_of_all_joints(joint: str, seed: int) -> None:
-    wrong = of_joint(leg_log(seed), leg().index(joint), motor_torque=1.25)
-    finding = worst(with_masses_of_cad(leg(TEST_MASS), seed), wrong)
-    assert (finding.code, finding.joint) == ("torque-scale", joint)
-    assert finding.evidence["factor"] == pytest.approx(1.25, rel=0.03)
 
 
 IN_FRONT = (0.15, 0.0, 0.0)
@@ -152,14 +142,6 @@ def test_a_payload_that_is_declared_otherwise_is_estimated(
         finding = worst(with_masses_of_cad(robot, 5), leg_log(5))
         assert finding.code == "payload"
         assert float(finding.remedy.split(":")[2]) == pytest.approx(2.0, rel=0.02)
-
-
-@pytest.mark.slow  # a check of the leg
-def test_a_payload_that_is_not_there_is_named() -> None:
-    """The remedy is the command without it."""
-    finding = worst(leg(TEST_MASS), measure(leg(), leg_motion(), LEG_SENSORS, seed=0))
-    assert finding.code == "payload"
-    assert finding.remedy == "option: without --payload foot:2:0.15,0,0"
 
 
 @pytest.mark.slow  # several checks of the leg or the arm

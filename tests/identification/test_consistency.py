@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +20,7 @@ from seaid.estimation import Estimate
 from seaid.identification import FeasibleParameters, identify
 from seaid.identification.consistency import balls, feasible_parameters, prior_bodies
 from seaid.legged import load_robot
-from seaid.log import read_log
+from seaid.log import Log, read_log
 from seaid.regressor import base_parameters
 from seaid.regressor.load import LoadModel, load_model
 from seaid.robot import Payload, Robot, is_physical
@@ -83,34 +84,30 @@ def robot(request: pytest.FixtureRequest, example_path: Callable[[str], Path]) -
 
 @pytest.mark.rounding
 @pytest.mark.parametrize("robot", quick_only(ROBOTS, ["arm"]), indirect=True)
-@pytest.mark.parametrize("weight", quick_first([None, 0.0]))
-def test_without_noise_the_base_parameters_are_true(robot: Robot, weight: float | None) -> None:
-    estimate = estimated(robot, 1e-9)
-    result = found(robot.without_nominal(), estimate, weight=weight)
+@pytest.mark.parametrize(
+    ("has_file", "weight"), quick_first([(True, None), (False, 0.0), (False, None)], 2)
+)
+def test_without_noise_values_are_true_and_what_they_leave_open_is_that_of_the_file(
+    robot: Robot, has_file: bool, weight: float | None
+) -> None:
+    known = robot if has_file else robot.without_nominal()
+    result = found(known, estimated(robot, 1e-9), weight=weight)
     truth = true_values(robot, model_of(robot))
     np.testing.assert_allclose(result.values, truth, rtol=1e-6, atol=1e-9)
     assert_possible(result)
-
-
-def test_what_the_data_leave_open_is_that_of_the_file(robot: Robot) -> None:
-    result = found(robot, estimated(robot, 1e-9))
-    scale = np.abs(robot.parameters) + 1e-3
-    assert np.max(np.abs(result.parameters - robot.parameters) / scale) < 1e-4
-    assert result.notes == ()
+    if has_file:
+        scale = np.abs(robot.parameters) + 1e-3
+        assert np.max(np.abs(result.parameters - robot.parameters) / scale) < 1e-4
+        assert result.notes == ()
 
 
 @pytest.mark.parametrize("weight", [0.0, None])
 def test_active_bounds_are_those_of_the_returned_bodies(weight: float | None) -> None:
     robot = leg()
-    estimate = estimated(robot, 2.0, seed=2)
-    result = found(robot, estimate, weight=weight)
+    result = found(robot, estimated(robot, 2.0, seed=2), weight=weight)
     flat = {words.split(" is ")[0] for words in result.active_bounds} & {*robot.body_names}
-    parts = zip(
-        robot.body_names,
-        *(bodies.reshape(-1, 10) for bodies in (result.parameters, robot.parameters)),
-        strict=True,
-    )
-    for name, body, prior in parts:
+    bodies, priors = (x.reshape(-1, 10) for x in (result.parameters, robot.parameters))
+    for name, body, prior in zip(robot.body_names, bodies, priors, strict=True):
         thinnest = linalg.eigvalsh(pseudo_inertia(body), pseudo_inertia(prior))[0]
         assert (name in flat) == (thinnest < 1e-3), name
     assert bool(flat) == (weight == 0.0)
@@ -121,11 +118,8 @@ def test_active_bounds_are_those_of_the_returned_bodies(weight: float | None) ->
 @given(st.integers(0, 2**31), st.sampled_from([0.01, 0.3, 3.0, 100.0]), st.booleans())
 def test_result_is_always_possible(seed: int, relative: float, with_file: bool) -> None:
     robot = arm() if with_file else arm().without_nominal()
-    result = found(robot, estimated(arm(), relative, seed))
+    result, model = found(robot, estimated(arm(), relative, seed)), model_of(arm())
     assert_possible(result)
-    model = model_of(arm())
-    p = len(model.expressions)
-    kept = model.base.project(result.parameters)
     drives = np.array(
         [
             true_value(result.robot, joint, name) if name != "friction_offset" else np.nan
@@ -133,7 +127,8 @@ def test_result_is_always_possible(seed: int, relative: float, with_file: bool) 
         ]
     )
     assert np.all(drives >= 0)
-    kept = kept + model.absorption[:p] @ drives
+    p = len(model.expressions)
+    kept = model.base.project(result.parameters) + model.absorption[:p] @ drives
     np.testing.assert_allclose(kept, result.values[:p], rtol=1e-6, atol=1e-7)
 
 
@@ -206,20 +201,16 @@ def test_payload_that_is_not_on_the_robot_is_named(payload: Payload, known: str)
     assert result.feasible.nearest_chi_square > 1000
 
 
-def test_known_bodies_that_the_data_contradict_are_named() -> None:
-    estimate = estimated(leg(), 1e-4)
-    result = found(leg(), replace(estimate, values=-estimate.values))
-    assert "missing payloads, encoder offsets, and lengths" in str(result.warnings[0])
+def test_what_no_bodies_come_near_is_named_or_refused() -> None:
+    """Data that contradict all bodies, or those that are known; and an estimate without a value."""
     known = load_robot(MODELS / "tulip_leg.urdf", known_bodies=("thigh", "foot"))
-    estimate = estimated(known, 1e-4)
-    result = found(known, replace(estimate, values=-estimate.values))
-    assert "check known bodies (thigh, foot), " in str(result.warnings[0])
-
-
-def test_an_estimate_that_is_not_finite_is_refused() -> None:
-    estimate = estimated(leg(), 0.01)
+    causes = "missing payloads, encoder offsets, and lengths", "check known bodies (thigh, foot), "
+    for robot, words in zip((leg(), known), causes, strict=True):
+        estimate = estimated(robot, 1e-4)
+        result = found(robot, replace(estimate, values=-estimate.values))
+        assert words in str(result.warnings[0])
     with pytest.raises(IdentificationError, match="the estimate must be finite"):
-        found(leg(), replace(estimate, values=np.nan * estimate.values))
+        found(known, replace(estimate, values=np.nan * estimate.values))
 
 
 @pytest.mark.parametrize(
@@ -261,13 +252,16 @@ def test_balls_lie_along_the_links(robot: Robot) -> None:
             np.testing.assert_allclose(plain[index, 1:4], end / 2)
 
 
+def hebi_arm(**options: Any) -> tuple[Robot, Log]:
+    robot = load_robot(MODELS / "hebi_arm_2.urdf", MODELS / "hebi_arm_2.toml", **options)
+    path = LOGS / "hebi_arms/grav_comp_bad.npz"
+    return robot, read_log(path, robot, description=LOGS / "hebi_csv_2.toml")
+
+
 @pytest.mark.slow  # identifications of the leg with possible bodies
 def test_masses_stay_near_the_prior_where_it_contradicts_other_values() -> None:
     """The prior of this arm is far off in what the log determines; its masses are all there is."""
-    robot = load_robot(MODELS / "hebi_arm_2.urdf", MODELS / "hebi_arm_2.toml")
-    log = read_log(
-        LOGS / "hebi_arms/grav_comp_bad.npz", robot, description=LOGS / "hebi_csv_2.toml"
-    )
+    robot, log = hebi_arm()
     found = identify(robot, log, feasible=True)
     assert found.feasible is not None
     assert found.feasible.weight == 1
@@ -278,10 +272,7 @@ def test_masses_stay_near_the_prior_where_it_contradicts_other_values() -> None:
 
 def test_bodies_that_are_all_known_are_those_of_the_robot_file() -> None:
     """Springs at all joints have no column on the load side: it has no parameter left."""
-    robot = load_robot(MODELS / "hebi_arm_2.urdf", MODELS / "hebi_arm_2.toml", known_bodies="all")
-    log = read_log(
-        LOGS / "hebi_arms/grav_comp_bad.npz", robot, description=LOGS / "hebi_csv_2.toml"
-    )
+    robot, log = hebi_arm(known_bodies="all")
     plain, consistent = identify(robot, log), identify(robot, log, feasible=True)
     assert consistent.load_side.names == ()
     np.testing.assert_array_equal(consistent.robot.parameters, robot.parameters)

@@ -25,7 +25,7 @@ from tests.experiments import (
     leg_motion,
     load_scores,
 )
-from tests.mistakes import with_channels
+from tests.mistakes import unlogged, with_channels
 
 KNOWN = leg(TEST_MASS).without_nominal()
 
@@ -61,9 +61,8 @@ def test_robot_without_drives_is_identified_from_its_joint_torques(tulip_urdf: P
     robot = load_robot(tulip_urdf, payloads=(TEST_MASS,))
     motion = leg_motion(TEST_MASS)
     torques = joint_torques(robot, *motion.joint_states)
-    ideal = replace(leg_log(), joint_position=motion.joint_position, joint_torque=torques)
-    nothing = np.full_like(torques, np.nan)
-    ideal = replace(ideal, motor_torque=nothing, motor_position=nothing)
+    ideal = unlogged(leg_log(), "motor_torque", "motor_position")
+    ideal = replace(ideal, joint_position=motion.joint_position, joint_torque=torques)
     result = identify(robot.without_nominal(), ideal, cutoff_hz=20.0)
     assert not result.drives
     true = result.base.project(robot.parameters)
@@ -88,10 +87,13 @@ def test_wrong_joint_zeros_are_within_errors_that_know_of_them() -> None:
 KNOWN_STD = {"torque": 0.03, "payload": 0.1, "gear_ratio": 0.001}
 
 
+def options_of(is_stated: bool) -> dict[str, Any]:
+    return {"known_std": KNOWN_STD if is_stated else {}, "encoder_offset_std": 0.002}
+
+
 @cache
 def found(is_stated: bool = False) -> Identification:
-    options: dict[str, Any] = {"method": "two-step", "known_std": KNOWN_STD if is_stated else {}}
-    return identify(KNOWN, leg_log(), encoder_offset_std=0.002, **options)
+    return identify(KNOWN, leg_log(), method="two-step", **options_of(is_stated))
 
 
 def assert_same(one: Estimate, other: Estimate, tolerance: float = 1e-9) -> None:
@@ -110,12 +112,9 @@ def test_a_file_is_identified_as_a_log_is(tmp_path: Path, suffix: str, is_stated
     """In the same pass band, and with the errors of what was given as known."""
     path, right = tmp_path / f"log{suffix}", found(is_stated)
     write_log(leg_log(), path)
-    options: dict[str, Any] = {"known_std": KNOWN_STD if is_stated else {}}
-    options["encoder_offset_std"] = 0.002
-    whole = identify(KNOWN, str(path), **options)
     opened = open_long_log(path, KNOWN, cutoff_hz=right.cutoff_hz, chunk_samples=3000)
-    pieces = identify(KNOWN, opened, **options)
-    for one in (whole, pieces):
+    for source in (str(path), opened):
+        one = identify(KNOWN, source, **options_of(is_stated))
         assert one.cutoff_hz == right.cutoff_hz
         assert one.excluded == right.excluded
         assert_same(one.load, right.load, 1e-7)
@@ -137,10 +136,8 @@ def test_checks_say_that_each_term_is_worth_having() -> None:
     checks = found().checks
     assert set(checks) == {*ELASTIC, "load"}
     for joint in ELASTIC:
-        assert {term.terms[0] for term in checks[joint].terms} == {
-            "viscous_friction",
-            "coulomb_friction",
-        }
+        names = {term.terms[0] for term in checks[joint].terms}
+        assert names == {"viscous_friction", "coulomb_friction"}
         assert all(term.bic > 0 for term in checks[joint].terms)
         assert set(checks[joint].whiteness) == {joint}
     assert len(checks["load"].terms) == 4
@@ -162,8 +159,7 @@ def still(noise_rad: float) -> Log:
 
 def sensed_at_knee() -> Log:
     """Return the log with a torque sensor at the knee in the place of that of its motor."""
-    sensed = np.full_like(leg_log().motor_torque, np.nan)
-    sensed[:, 3] = leg_motion(TEST_MASS).joint_torque[:, 3]
+    sensed = np.where(np.arange(5) == 3, leg_motion(TEST_MASS).joint_torque, np.nan)
     return replace(changed("motor_torque", "knee_pitch", np.nan), joint_torque=sensed)
 
 

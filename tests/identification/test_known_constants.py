@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives import Drive, StiffDrive
-from seaid.errors import IdentificationError, RobotError
+from seaid.drives import StiffDrive
+from seaid.errors import IdentificationError
 from seaid.estimation import Estimate
 from seaid.identification import Identification, identify, identify_conditions, refine
 from seaid.legged import load_robot
@@ -25,7 +25,9 @@ from tests.experiments import (
     leg_motion,
     perfect_log,
     true_value,
+    with_drive,
 )
+from tests.mistakes import in_currents
 from tests.representatives import quick_first
 from tests.standard_errors import scores
 
@@ -62,19 +64,6 @@ def test_errors_of_constants_and_of_encoder_offsets_add_up(method: str) -> None:
     assert np.max(np.abs(rest)) < 1e-3  # both sides at once settle to so many standard errors
 
 
-@pytest.mark.parametrize(
-    ("std", "message"),
-    [
-        ({"motor_inertia_kg_m2": 0.1}, "no constant is named 'motor_inertia_kg_m2'"),
-        ({"gear_ratio": 0.0}, "standard deviation of 'gear_ratio' must be more than zero"),
-        ({"gear_ratio": -1.0}, "standard deviation of 'gear_ratio' must be more than zero"),
-    ],
-)
-def test_standard_deviations_of_nothing_are_refused(std: dict[str, float], message: str) -> None:
-    with pytest.raises(RobotError, match=message):
-        StiffDrive(gear_ratio=10.0, std=std)
-
-
 @pytest.mark.slow  # 0.9 s
 def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
     """With the option that includes typical tolerances."""
@@ -92,8 +81,7 @@ def driven_by_currents(constants: Array, noise_A: float = 0.0) -> tuple[Robot, L
     """Return the UR10 with known bodies and the log of its currents, of motors with constants."""
     log = geared_arm_log()
     noise = noise_A * np.random.default_rng(1).normal(size=log.motor_torque.shape)
-    unknown = np.full_like(log.motor_torque, np.nan)
-    log = replace(log, motor_torque=unknown, motor_current=log.motor_torque / constants + noise)
+    log = in_currents(replace(log, motor_torque=log.motor_torque + constants * noise), constants)
     drives = dict.fromkeys(log.joint_names, StiffDrive(gear_ratio=1.0, motor_input="current"))
     return load_robot("ur10", drives, snap_tolerance_rad=0, known_bodies="all"), log
 
@@ -186,12 +174,11 @@ def with_currents(
 def by_current(*known_bodies: str, driven: tuple[str, ...] = ELASTIC) -> Robot:
     """Return the leg with currents of unknown scale, its elastic joints with unknown rotors."""
     robot = replace(TRUTH, known_bodies=known_bodies)
-    drives: dict[str, Drive] = {
-        joint: replace(robot.drives[joint], motor_input="current", nominal={}) for joint in driven
-    }
+    for joint in driven:
+        robot = with_drive(robot, joint, motor_input="current", nominal={})
     for joint in ELASTIC:
-        drives[joint] = replace(drives[joint], motor_inertia_kg_m2=None)
-    return robot.with_drives(drives).without_nominal()
+        robot = with_drive(robot, joint, motor_inertia_kg_m2=None)
+    return robot.without_nominal()
 
 
 @cache
@@ -214,8 +201,7 @@ def stated(experiment: Experiment, name: str, joint: str) -> tuple[Robot, dict[s
     if name in ("torque", "payload"):
         return robot, {name: std}
     size = 1.0 if name == "torque_scale" else getattr(robot.drives[joint], name)
-    doubted = replace(robot.drives[joint], std={name: std * size})
-    return robot.with_drives({joint: doubted}), {}
+    return with_drive(robot, joint, std={name: std * size}), {}
 
 
 def changed(experiment: Experiment, name: str, joint: str) -> Experiment:
@@ -229,7 +215,7 @@ def changed(experiment: Experiment, name: str, joint: str) -> Experiment:
     if name == "payload":
         return replace(robot, payload_parameters=(1 + STEP) * robot.payload_parameters), log
     larger = {name: (1 + STEP) * getattr(robot.drives[joint], name)}
-    return robot.with_drives({joint: replace(robot.drives[joint], **larger)}), log
+    return with_drive(robot, joint, **larger), log
 
 
 def estimates_of(robot: Robot, log: Log, **options: Any) -> list[Estimate]:
@@ -289,8 +275,17 @@ Options = dict[str, Any]
 OLS: Options = {"estimator": "ols"}
 BOTH_SIDES: Options = {"estimator": "ols", "method": "simultaneous"}
 KNEE = "knee_pitch"
+HALVES: Options = {"estimator": "ols", "estimated": estimates_of_halves}
+OWN = {"condition_specific": ("bodies", "spring_offset", "stiffness")}, {"condition_specific": ()}
+JOINT = {name: "" if name in ("torque", "payload") else KNEE for name in CONSTANTS}
 MOVED: list[tuple[Callable[[], Experiment], str, str, Options]] = [
-    *((by_torque, name, "" if name in ("torque", "payload") else KNEE, OLS) for name in CONSTANTS),
+    # alone, and in several conditions
+    *(
+        (by_torque, name, joint, options)
+        for name, joint in JOINT.items()
+        for options in (OLS, *(HALVES | own for own in OWN))
+    ),
+    (by_noisy_torque, "torque", "", {"estimated": refined_estimates}),
     *((by_torque, name, "hip_yaw", OLS) for name in ("gear_ratio", "torque_scale")),
     *((by_torque, name, "", BOTH_SIDES) for name in ("torque", "payload")),
     # Simultaneous estimation weighs the rows by residuals, which a constant changes without noise.
@@ -304,21 +299,12 @@ MOVED: list[tuple[Callable[[], Experiment], str, str, Options]] = [
 
 
 @pytest.mark.usefixtures("estimates_only")
-@pytest.mark.parametrize(("experiment", "name", "joint", "options"), quick_first(MOVED))
+@pytest.mark.parametrize(("experiment", "name", "joint", "options"), quick_first(MOVED, 2))
 def test_errors_of_a_constant_are_those_of_whole_identifications(
     experiment: Callable[[], Experiment], name: str, joint: str, options: Options
 ) -> None:
     """The noise-free log has no residual by which weights or columns could move the estimate."""
     check_moved(experiment(), name, joint, **options)
-
-
-@pytest.mark.usefixtures("estimates_only")
-@pytest.mark.parametrize("name", quick_first(CONSTANTS, 1))
-@pytest.mark.parametrize("own", quick_first([(("bodies", "spring_offset", "stiffness"),), ((),)]))
-def test_errors_of_a_constant_in_several_conditions(name: str, own: tuple[str, ...]) -> None:
-    joint = "" if name in ("torque", "payload") else "knee_pitch"
-    options: dict[str, Any] = {"estimator": "ols", "condition_specific": own}
-    check_moved(by_torque(), name, joint, estimates_of_halves, **options)
 
 
 @pytest.mark.usefixtures("estimates_only")
@@ -328,12 +314,6 @@ def test_conditions_with_different_standard_deviations_are_refused() -> None:
     pairs = {"cold": (robot, log), "warm": (doubted, log)}
     with pytest.raises(IdentificationError, match=r"'cold' and 'warm' .* gear ratio .*knee_pitch"):
         identify_conditions(pairs, cutoff_hz=4.0)
-
-
-@pytest.mark.slow  # refinements of the leg
-@pytest.mark.usefixtures("estimates_only")
-def test_a_refinement_has_the_errors_of_known_constants() -> None:
-    check_moved(by_noisy_torque(), "torque", "", refined_estimates)
 
 
 @pytest.mark.slow  # ten identifications of the leg

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.benchmarks import contact_backlash, hysteresis
+from scripts.benchmarks import hysteresis
 from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.identification import compare_terms, identify
@@ -26,15 +26,13 @@ def test_a_term_that_is_there_is_recommended_alone() -> None:
     found = compare_terms(ROBOT, log, joints=["knee_pitch"], terms=terms)
     assert dict(found.recommended) == {"knee_pitch": (("friction", "stribeck"),)}
     assert found.robot.drives["knee_pitch"].friction == ("viscous", "coulomb", "stribeck")
-    first = [one for one in found.comparisons if one.step == 0]
-    assert [one.term for one in first] == ["stribeck", "quadratic", "asymmetric", "cubic"]
-    later = {one.term for one in found.comparisons if one.step == 1}
-    assert later == {"quadratic", "asymmetric", "cubic"}
+    steps = [[one.term for one in found.comparisons if one.step == step] for step in (0, 1)]
+    assert steps[0] == ["stribeck", "quadratic", "asymmetric", "cubic"]
+    assert {*steps[1]} == {"quadratic", "asymmetric", "cubic"}
     assert [one.term for one in found.comparisons if one.selected] == ["stribeck"]
-    text = str(found)
-    assert "knee_pitch: add 'stribeck' to friction; identify(selection.robot, ...)" in text
-    line = next(line for line in text.splitlines() if "friction stribeck" in line)
+    (line,) = (line for line in str(found).splitlines() if "friction stribeck" in line)
     assert line.split()[-1] == "selected"
+    assert "knee_pitch: add 'stribeck' to friction; identify(selection.robot, ...)" in str(found)
 
 
 @pytest.mark.parametrize(
@@ -134,30 +132,6 @@ def test_a_term_that_the_log_has_no_equation_for_says_so() -> None:
     (one,) = found.comparisons
     assert one.comparison is None
     assert one.reason.startswith("it has no column: the log lacks its equation")
-
-
-@pytest.mark.slow  # a comparison of all terms
-@pytest.mark.parametrize("half_width", [0.005, 0.0])
-def test_a_dead_zone_next_to_a_stiff_contact_is_found_at_the_cutoff_of_the_motion(
-    tmp_path: Path, half_width: float
-) -> None:
-    """Beyond a backlash of 5 mrad the contact yields by 1 mrad: no value of a grid is near enough.
-
-    Motor and load are integrated by the script of the figures, with 20 kHz.
-    """
-    robot = contact_backlash.robot_of(tmp_path)
-    time, *states_of = contact_backlash.motions_of(robot, 4000.0, half_width, 1, duration=6.0)
-    log = contact_backlash.log_of(time, [x[:, 0] for x in states_of], 0)
-    terms = {"spring": ("cubic", "dahl", "dead_zone")}
-    selection = compare_terms(robot, log, terms=terms)
-    if not half_width:
-        assert not selection.recommended
-        return
-    assert dict(selection.recommended) == {"arm": (("spring", "dead_zone"),)}
-    estimate = identify(selection.robot, log).drives["arm"]
-    error = abs(estimate.value("dead_zone") - half_width)
-    assert error < max(3.5 * estimate.standard_error("dead_zone"), 1e-3 * half_width)
-    assert error < 0.05 * half_width
 
 
 @pytest.mark.slow  # a comparison of all terms

@@ -20,6 +20,7 @@ from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
 from tests.experiments import arm, arm_motion
+from tests.mistakes import in_currents
 from tests.plants import log_with, write_columns, write_robot
 from tests.standard_errors import scores
 
@@ -38,8 +39,7 @@ def test_the_rotor_inertias_of_other_joints_give_no_scale_to_noisy_currents() ->
     }
     noise = Noise(motor_resolution_rad=1e-3, joint_resolution_rad=1e-4, torque_std_Nm=0.01)
     log = measure(arm(), arm_motion(), noise, seed=0)
-    unknown = np.full_like(log.motor_torque, np.nan)
-    log = replace(log, motor_current=log.motor_torque / 0.05, motor_torque=unknown)
+    log = in_currents(log, 0.05)
     words = "torque constant of shoulder is unidentifiable: only the current"
     with pytest.raises(IdentificationError, match=words):
         identify(robot.with_drives(drives), log)
@@ -185,10 +185,8 @@ def bench(tmp_path: Path, **options: object) -> Robot:
 
 @pytest.mark.parametrize("is_current", [False, True])
 def test_the_drive_of_a_locked_output_is_identified(tmp_path: Path, is_current: bool) -> None:
-    log, input_of = bench_log(), "current" if is_current else "torque"
-    if is_current:
-        unknown = np.full_like(log.motor_torque, np.nan)
-        log = replace(log, motor_torque=unknown, motor_current=log.motor_torque / K_T)
+    input_of = "current" if is_current else "torque"
+    log = in_currents(bench_log(), K_T) if is_current else bench_log()
     found = identify(bench(tmp_path, motor_input=input_of), log)
     true = TRUE | ({"torque_constant": K_T} if is_current else {})
     drive = found.drives["elbow"]
@@ -214,9 +212,7 @@ def test_what_holds_an_output_may_yield(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("estimates_only")
 def test_a_current_alone_gives_no_scale(tmp_path: Path) -> None:
-    log = bench_log()
-    unknown = np.full_like(log.motor_torque, np.nan)
-    alone = replace(log, motor_torque=unknown, motor_current=log.motor_torque, joint_torque=None)
+    alone = replace(in_currents(bench_log(), 1.0), joint_torque=None)
     message = "the torque constant of elbow is unidentifiable: .* and its output is locked"
     with pytest.raises(IdentificationError, match=message):
         identify(bench(tmp_path, motor_input="current"), alone)

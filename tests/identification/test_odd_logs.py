@@ -56,20 +56,15 @@ def log_of(angle: Array, time: Array = TIME, **sensors: Array) -> Log:
     return log_with("hinge", time, joint_position=angle, **sensors)
 
 
-@pytest.mark.parametrize("value", [1e155, -1e300, 2e12])
 @pytest.mark.parametrize("sensor", ["joint_position", "motor_torque", "joint_torque"])
-def test_one_absurd_sample_is_named(pendulum: Robot, sensor: str, value: float) -> None:
-    samples = {"joint_position": ANGLE.copy(), "motor_torque": torque(pendulum)}
-    samples["joint_torque"] = torque(pendulum)
-    samples[sensor][700] = value
+def test_one_absurd_sample_and_a_time_in_another_unit_are_named(sensor: str) -> None:
     place = (
         rf"column 'hinge.{sensor}.*' has .* in sample 700 \(t = 3.5 s\), allowed is up to 1e\+12"
     )
-    with pytest.raises(LogError, match=place):
-        log_of(samples.pop("joint_position"), **samples)
-
-
-def test_a_time_in_another_unit_is_named() -> None:
+    for value in (1e155, -1e300, 2e12):
+        odd = np.where(np.arange(len(TIME)) == 700, value, ANGLE)
+        with pytest.raises(LogError, match=place):
+            log_with("hinge", TIME, **{"joint_position": ANGLE, sensor: odd})
     with pytest.raises(LogError, match=r"time_s runs from 1\.7e\+18 to .* another unit\?"):
         log_of(ANGLE, 1.7e18 + 1e9 * TIME, motor_torque=ANGLE)
 
@@ -237,12 +232,7 @@ def test_a_joint_at_its_stop_is_named_with_the_torques_to_use(tmp_path: Path) ->
     repaired = seaid.identify(robot, log, torque_joints=["hinge"])
     assert [one for one in repaired.warnings if one.joint == "other"] == []
     assert repaired.unusable_joints == {"other": "its torque was not used"}
-
-
-def test_a_joint_that_follows_beyond_the_limits_of_its_file_is_at_no_stop(tmp_path: Path) -> None:
-    robot, log = at_a_stop(tmp_path)
+    # one that follows its command beyond the limits of its file is at no stop
     assert log.position_command is not None
     follows = replace(log, joint_position=log.position_command - 0.01)
-    codes = [one.code for one in log_findings(robot, [log])]
-    assert "contact" in codes
     assert "contact" not in [one.code for one in log_findings(robot, [follows])]

@@ -15,7 +15,7 @@ from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
 from seaid.checks.values import drive_findings
 from seaid.drives import ParameterName
-from seaid.errors import IdentificationError, LogError, RobotError
+from seaid.errors import IdentificationError, LogError
 from seaid.estimation import Estimate
 from seaid.identification.command_driven import commanded_point
 from seaid.log.commands import commanded_torque
@@ -23,6 +23,7 @@ from seaid.regressor.regression import signals
 from seaid.simulation.replaying import rollout
 from tests.commanded_joint import (
     CHIRP,
+    GAINS,
     HARD,
     SOFT,
     TIME,
@@ -113,6 +114,13 @@ def two_joints(
     return seaid.load_robot(path, drives, known_bodies=["arm0", "arm1"])
 
 
+def slowly_off(log: seaid.Log, noise: float = 2e-3) -> seaid.Log:
+    """Return a log whose encoders are off by a wave of 1.3 Hz and by noise: no delay is seen."""
+    errors = np.random.default_rng(3).normal(size=log.joint_position.shape) * noise
+    errors += 3e-2 * np.sin(2 * np.pi * 1.3 * log.time)[:, None]
+    return replace(log, joint_position=log.joint_position + errors)
+
+
 def joined(logs: list[seaid.Log]) -> seaid.Log:
     """Return one log of two joints."""
     positions = np.hstack([one.joint_position for one in logs])
@@ -159,12 +167,8 @@ def test_directions_are_those_of_drives_with_position_commands(tmp_path: Path) -
 @pytest.mark.findings
 def test_a_delay_that_the_log_does_not_determine_is_as_stated(urdf: Path) -> None:
     """The interval of the armature holds what every delay in the stated range gives."""
-    rng = np.random.default_rng(3)
-    log = mujoco_log(HARD, 0.006, 0.0, 0)
-    errors = rng.normal(size=len(TIME)) * 2e-3 + 3e-2 * np.sin(2 * np.pi * 1.3 * TIME)
-    log = replace(log, joint_position=log.joint_position + errors[:, None])
+    log = slowly_off(mujoco_log(HARD, 0.006, 0.0, 0))
     found = seaid.identify(robot_of(urdf, HARD), log)
-    assert [one.code for one in found.warnings].count("command-delay") == 1
     values = values_of(found)
     assert values["command_delay"] == pytest.approx((0.0, 0.0125 / 1.96), rel=1e-3, abs=1e-9)
     names = list(map(str, found.load_side.names))
@@ -182,11 +186,7 @@ def test_a_delay_that_the_log_does_not_determine_is_as_stated(urdf: Path) -> Non
 
 def test_a_stated_delay_stays_in_a_physically_consistent_fit(tmp_path: Path) -> None:
     """A friction that would be negative moves to zero, and no delay of the bus with it."""
-    logs = [mujoco_log(HARD, 0.0, 0.0, seed) for seed in (1, 2)]
-    errors = 3e-2 * np.sin(2 * np.pi * 1.3 * TIME)[:, None]
-    errors = errors + np.random.default_rng(3).normal(size=(len(TIME), 2)) * 2e-3
-    both = joined(logs)
-    both = replace(both, joint_position=both.joint_position + errors)
+    both = slowly_off(joined([mujoco_log(HARD, 0.0, 0.0, seed) for seed in (1, 2)]))
     found = seaid.identify(two_joints(tmp_path, (0.015, 0.015), HARD), both, feasible=True)
     side = found.load_side
     assert side.value("viscous_friction of j0") < 0
@@ -343,9 +343,7 @@ def test_the_ends_of_a_moving_log_have_no_weight(urdf: Path) -> None:
 @pytest.mark.slow  # 10 simulations of 4 s
 def test_refine_keeps_a_delay_that_is_as_stated(urdf: Path) -> None:
     """Its range is in the error of the armature, as it is in that of `identify`."""
-    log = mujoco_log(HARD, 0.006, 0.0, 0).between(1.0, 5.0)
-    errors = 3e-2 * np.sin(2 * np.pi * 1.3 * log.time)
-    log = replace(log, joint_position=log.joint_position + errors[:, None])
+    log = slowly_off(mujoco_log(HARD, 0.006, 0.0, 0).between(1.0, 5.0), 0.0)
     start = seaid.identify(robot_of(urdf, HARD), log)
     found = seaid.refine(start, log)
     before, after = values_of(start), values_of(found)
@@ -394,85 +392,54 @@ def test_a_spring_behind_a_position_controller(urdf: Path) -> None:
     assert found.drives["j"].value("command_delay") == pytest.approx(0.004, abs=2e-4)
 
 
-GAINS = {"position_gain_Nm_per_rad": 1.0}
-
-
-@pytest.mark.parametrize(
-    ("motor_input", "gains", "words"),
-    [
-        ("position", {}, "give its gains in the table 'controller'"),
-        ("torque", GAINS, "and the motor input 'torque'"),
-        ("position", {"Kp": 1.0}, "controller: no key is named 'Kp'"),
-        ("position", {"feedforward_Nm": 1.0}, "position_gain_Nm_per_rad is missing or zero"),
-        ("position", 20, "must be a table of its values"),
-        ("position", {"position_gain_Nm_per_rad": -1}, "must be zero or more and"),
-        ("position", {"velocity_gain_Nms_per_rad": -1.0}, "must be zero or more"),
-        ("position", {"position_gain_Nm_per_rad": np.inf}, "and finite, found inf"),
-        ("position", {**GAINS, "torque_limit_Nm": True}, "must be a number, found True"),
-        ("position", {**GAINS, "is_held": 1}, "is_held must be true or false, found 1"),
-        ("position", {**GAINS, "feedforward_Nm": np.inf}, "must be a number and finite, found inf"),
-        ("position", {**GAINS, "is_duty": True}, "is_duty = true needs nominal_supply_V"),
-        ("position", {**GAINS, "nominal_supply_V": 0.0}, "must be more than zero"),
-        ("position", {"velocity_gain_Nms_per_rad": 1.0}, 'which motor_input = "position_command"'),
-        ("velocity", {"velocity_gain_Nms_per_rad": 1.0}, "is missing or zero"),
-        (
-            "velocity",
-            {**GAINS, "command_velocity_gain_Nms_per_rad": 1.0},
-            "found position_gain_Nm_per_rad with motor_input",
-        ),
-    ],
-)
-def test_controllers_that_cannot_be_are_refused(
-    urdf: Path, motor_input: str, gains: object, words: str
-) -> None:
-    """Their gains are checked, and that they fit to the input of the motor."""
-    drive: dict[str, Any] = {"type": "stiff", "gear_ratio": 1.0}
-    drive["motor_input"] = motor_input if motor_input == "torque" else f"{motor_input}_command"
-    if gains != {}:
-        drive["controller"] = gains
-    with pytest.raises(RobotError, match=words):
-        seaid.load_robot(urdf, {"j": drive})
-
-
 LIMIT = 3.3
 """Torque limit of the models in MuJoCo [N m], which their motion hits; the arm weighs 2.9 N m."""
 
 
 @pytest.mark.slow  # 3.5 s
-@pytest.mark.parametrize(("speed", "delay_s"), [(np.inf, 0.01), (np.inf, 0.0), (4.0, 0.01)])
-@pytest.mark.parametrize("is_elastic", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "speed", "delay_s"),
+    [
+        *(
+            (kind, *case)
+            for kind in ("stiff", "elastic")
+            for case in ((np.inf, 0.01), (np.inf, 0.0), (4.0, 0.01))
+        ),
+        ("velocity", np.inf, 0.0),
+    ],
+)
 def test_mujoco_moves_the_exported_model_as_the_replay(
-    urdf: Path, tmp_path: Path, is_elastic: bool, speed: float, delay_s: float
+    urdf: Path, tmp_path: Path, kind: str, speed: float, delay_s: float
 ) -> None:
-    """Controller, torque limit, that of a motor too, delay and friction offset are in the model."""
-    values = {
+    """Controller, torque limit, that of a motor too, delay and friction offset are in the model.
+
+    The actuator of a velocity controller takes the velocity that the log has as a command.
+    """
+    is_elastic, of_velocity = kind == "elastic", kind == "velocity"
+    law: dict[str, Any] = {**(RATES if of_velocity else dict(zip(GAINS, SOFT, strict=True)))}
+    values: dict[str, Any] = {
+        "gear_ratio": 9.0,
         "motor_inertia_kg_m2": 3e-4,
         "viscous_friction_Nms_per_rad": 1.5e-3,
         "coulomb_friction_Nm": 1e-4,
-        "motor_input": "position_command",
+        "motor_input": "velocity_command" if of_velocity else "position_command",
         "command_delay_s": delay_s,
-        "controller": seaid.Controller(
-            position_gain_Nm_per_rad=40.0,
-            velocity_gain_Nms_per_rad=1.0,
-            torque_limit_Nm=LIMIT,
-            no_load_speed_rad_per_s=speed,
-        ),
+        "controller": seaid.Controller(**law, torque_limit_Nm=LIMIT, no_load_speed_rad_per_s=speed),
     }
     drive: seaid.StiffDrive | seaid.SeriesElasticDrive = seaid.StiffDrive(
-        gear_ratio=9.0,
-        friction=("viscous", "coulomb", "offset"),
-        nominal={"friction_offset": 0.02},
-        **values,  # type: ignore[arg-type]
+        friction=("viscous", "coulomb", "offset"), nominal={"friction_offset": 0.02}, **values
     )
     if is_elastic:
-        drive = seaid.SeriesElasticDrive(gear_ratio=9.0, stiffness_Nm_per_rad=80.0, **values)  # type: ignore[arg-type]
+        drive = seaid.SeriesElasticDrive(stiffness_Nm_per_rad=80.0, **values)
     robot = seaid.load_robot(urdf, {"j": drive})
-    log = log_of(np.zeros(len(TIME))).between(0.0, 3.0)
+    sent = {"velocity_command": np.gradient(CHIRP, TIME)} if of_velocity else {}
+    log = log_of(np.zeros(len(TIME)), **sent).between(0.0, 3.0)
     log = replace(log, motor_position=np.zeros((len(log.time), 1)))
     expected = seaid.replay(robot, log).joint_position[:, 0]
     written = seaid.write_mjcf(robot, tmp_path / "one.xml")
     late = ", with a delay of 10 ms" if delay_s else "; MuJoCo holds it for a step: give that of "
-    assert any(f"the control of j is the commanded position{late}" in x for x in written.notes)
+    name = "velocity" if of_velocity else "position"
+    assert any(f"the control of j is the commanded {name}{late}" in x for x in written.notes)
     text = (tmp_path / "one.xml").read_text()
     assert ("<dcmotor" in text) == np.isfinite(speed)
     assert ("a dcmotor, as MuJoCo has it since 3.12" in text) == np.isfinite(speed)
@@ -489,29 +456,10 @@ def test_mujoco_moves_the_exported_model_as_the_replay(
         most = LIMIT * min(1.0, 1 - math.copysign(1.0, force) * joint_speed / speed)
         sizes[tick] = abs(force) * (9.0 if is_elastic and np.isinf(speed) else 1.0) / most
 
-    commands = np.interp(ticks, log.time, CHIRP[: len(log.time)])
+    commands = np.interp(ticks, TIME, sent.get("velocity_command", CHIRP))
     error = stepped(model, commands, parts, measure) - expected
-    assert np.sum(sizes > 0.95) > 0.02 * len(ticks)
+    assert of_velocity or np.sum(sizes > 0.95) > 0.02 * len(ticks)
     assert np.max(np.abs(error)) < 5e-3 * np.ptp(expected)
-
-
-@pytest.mark.slow  # a simulation under commands
-def test_mujoco_moves_the_model_of_a_velocity_controller_as_the_replay(
-    urdf: Path, tmp_path: Path
-) -> None:
-    """Its actuator takes the velocity that the log has as a command."""
-    robot = robot_of(urdf, RATES)
-    values = {"motor_inertia": 0.05, "viscous_friction": 0.1, "coulomb_friction": 0.0}
-    drive = robot.drives["j"].with_values({**values, "friction_offset": 0.0, "command_delay": 0.0})
-    robot = robot.with_drives({"j": drive})
-    log = log_of(np.zeros_like(SHORT), SHORT, velocity_command=2.0 * np.cos(2 * SHORT))
-    expected = seaid.replay(robot, log).joint_position[:, 0]
-    seaid.write_mjcf(robot, tmp_path / "one.xml")
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "one.xml"))
-    parts = round(0.005 / model.opt.timestep)
-    ticks = np.arange(parts * len(SHORT)) * model.opt.timestep
-    error = stepped(model, 2.0 * np.cos(2 * ticks), parts) - expected
-    assert np.max(np.abs(error)) < 0.01 * np.ptp(expected)
 
 
 def test_what_a_motor_of_mujoco_cannot_be_is_said(urdf: Path, tmp_path: Path) -> None:

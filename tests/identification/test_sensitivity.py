@@ -5,7 +5,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from seaid._arrays import Array
@@ -16,6 +15,7 @@ from seaid.legged import load_robot
 from seaid.log import Log
 from seaid.regressor import Regression
 from seaid.robot import Robot
+from seaid.simulation import replay
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, MODELS, arm, arm_log, arm_motion, with_named_friction
 from tests.plants import log_with, regression
@@ -35,32 +35,23 @@ def pendulum() -> Robot:
 
 
 @cache
-def swing() -> tuple[Array, Array]:
-    """Return positions and torques (T, 2) of ten seconds, of which joint 1 alone is driven."""
-    model, step = pendulum().model.copy(), 1 / RATE_HZ
-    data, q, v = model.createData(), np.zeros(2), np.zeros(2)
-    phases = np.random.default_rng(0).uniform(0, 6, 6)
-    positions, torques = [], []
-    for t in np.arange(0, 10, step):
-        torque = np.array(
-            [0.3 * np.sum(np.sin(2 * np.pi * np.linspace(0.2, 1.2, 6) * t + phases)), 0]
-        )
-        positions.append(q)
-        torques.append(torque)
-        for _ in range(4):  # semi-implicit Euler keeps the energy
-            v = v + step / 4 * pin.aba(model, data, q, v, torque)
-            q = q + step / 4 * v
-    return np.array(positions), np.array(torques)
+def swing() -> Log:
+    """Return ten seconds of the pendulum, of which joint 1 alone is driven."""
+    time, phases = np.arange(0, 10, 1 / RATE_HZ), np.random.default_rng(0).uniform(0, 6, 6)
+    rates = 2 * np.pi * np.linspace(0.2, 1.2, 6)
+    torque = 0.3 * np.sum(np.sin(np.outer(time, rates) + phases), axis=1) / 6
+    torques = np.column_stack([torque, 0 * torque])
+    start = log_with(("Joint1", "Joint2"), time, joint_position=0 * torques, motor_torque=torques)
+    return replay(pendulum(), start)
 
 
 def undriven(noise_rad: float, seed: int = 0) -> Log:
-    rng = np.random.default_rng(seed)
-    q, torque = swing()
+    rng, log = np.random.default_rng(seed), swing()
     return log_with(
-        ("Joint1", "Joint2"),
-        np.arange(len(q)) / RATE_HZ,
-        joint_position=q + noise_rad * rng.normal(size=q.shape),
-        motor_torque=(torque + 5e-3 * rng.normal(size=q.shape)) / 6,
+        log.joint_names,
+        log.time,
+        joint_position=log.joint_position + noise_rad * rng.normal(size=log.joint_position.shape),
+        motor_torque=log.motor_torque + 5e-3 / 6 * rng.normal(size=log.joint_position.shape),
     )
 
 
@@ -98,10 +89,10 @@ def test_undriven_joint_with_a_noisy_encoder_does_not_end_at_zero() -> None:
 
 def test_a_wider_cutoff_is_named_with_both_values() -> None:
     found, _ = at(3e-3, 12.0)
-    messages = {one.code: one for one in found.warnings}
-    sensitive = messages["cutoff-sensitive"]
+    named = {one.code: one for one in found.warnings}
+    sensitive = named["cutoff-sensitive"]
     assert sensitive.message.startswith("a cutoff of 12 Hz and a cutoff of 19.2 Hz give different")
-    assert messages["homogeneous"].remedy.startswith("cutoff_hz=6")  # the cause
+    assert named["homogeneous"].remedy.startswith("cutoff_hz=6")  # the cause
     assert sensitive.evidence["standard errors"] > 5
     assert len(sensitive.evidence) == 3
     ols = identify(pendulum().without_nominal(), undriven(3e-3), cutoff_hz=12.0, estimator="ols")

@@ -1,7 +1,7 @@
 """Drives of one type share parameters: fewer of them, smaller errors, and a test of the type."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from seaid.drives import read_drives, write_drives
 from seaid.errors import Finding, IdentificationError, RobotError
@@ -180,12 +181,8 @@ def test_what_is_shared_is_in_the_summary_the_files_and_a_saved_run(tmp_path: Pa
     assert stiffness["difference"]["bic"] < 0
     save_run(shared, tmp_path / "run.npz")
     again = load_run(tmp_path / "run.npz").identification
-    for before, after in zip(shared.shared, again.shared, strict=True):
-        assert (after.name, after.joints, after.values) == (
-            before.name,
-            before.joints,
-            before.values,
-        )
+    kept = [[(x.name, x.joints, x.values) for x in run.shared] for run in (shared, again)]
+    assert kept[0] == kept[1]
     # The identified drives stay of one type when they are written and read.
     write_drives(shared.robot.drives, tmp_path / "drives.toml")
     assert {x.shared for x in read_drives(tmp_path / "drives.toml").values()} == {"calf_motor"}
@@ -229,17 +226,17 @@ def test_methods_that_cannot_share_refuse() -> None:
         refine(result, log)
 
 
+LINEAR = {"motor_pulley_radius_m": 0.1, "load_pulley_radius_m": 0.1, "stiffness_Nm_per_rad": "drop"}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"stiffness_Nm_per_rad": 60.0, "known": ["stiffness"]}, "differ in known parameters"),
         ({"motor_inertia_kg_m2": 3e-5}, r"differ in known parameters, .*2e-05.* and .*3e-05"),
         ({"friction": ["viscous"]}, "differ in unknown parameters"),
-        (STIFF, "differ in type, 'series_elastic' and 'stiff'"),
-        (
-            {"motor_pulley_radius_m": 0.1, "load_pulley_radius_m": 0.1},
-            "differ in unit of the spring, 'N m' and 'N'",
-        ),
+        (STIFF | {"stiffness_Nm_per_rad": "drop"}, "differ in type, 'series_elastic' and 'stiff'"),
+        (LINEAR, "differ in unit of the spring, 'N m' and 'N'"),
         ({"shared": 3}, "shared must be the name of a group"),
         ({"shared": "thigh_motor"}, r"\[ankle\] is alone in the group 'calf_motor'"),
         ({"friction": ["viscous", "smooth_coulomb"]}, "differ in unknown parameters"),
@@ -248,36 +245,34 @@ def test_methods_that_cannot_share_refuse() -> None:
 def test_drives_that_cannot_be_of_one_type_are_refused_with_file_and_joint(
     tmp_path: Path, change: dict[str, Any], message: str
 ) -> None:
-    import tomli_w
-
-    table = ELASTIC | {"shared": "calf_motor"}
-    second = table | change
-    if "motor_pulley_radius_m" in change or change is STIFF:
-        second.pop("stiffness_Nm_per_rad")
-    path = tmp_path / "drives.toml"
+    table, path = ELASTIC | {"shared": "calf_motor"}, tmp_path / "drives.toml"
+    second = {key: value for key, value in (table | change).items() if value != "drop"}
     path.write_text(tomli_w.dumps({"ankle": table, "elbow": second}))
     with pytest.raises(RobotError, match=message) as problem:
         read_drives(path)
     assert "drives.toml" in str(problem.value)
 
 
-def test_groups_that_cannot_be_are_refused_by_name() -> None:
-    robot, log = plant(120.0, 120.0), log_of(120.0, 120.0)
-    with pytest.raises(RobotError, match=r"share=: no joint is named 'elbo'.*'elbow'"):
-        found(robot, log, "ankle", "elbo")
-    with pytest.raises(RobotError, match=r"share=: \[ankle\] is alone"):
-        found(robot, log, "ankle")
-    twice = {"first": JOINTS[:2], "second": JOINTS[1:]}
-    with pytest.raises(RobotError, match=rf"{JOINTS[1]} is in 'first' and in 'second'"):
-        identify(robot, log, share=twice)
-    with pytest.raises(RobotError, match=rf"the group of {JOINTS[0]} has no name"):
-        identify(robot, log, share={"": JOINTS[:2]})
-    smooth = ELASTIC | {"friction": ["viscous", "smooth_coulomb"]}
-    with pytest.raises(RobotError, match="nonlinear in the unknown coulomb_width"):
-        found(pendulums(smooth, smooth), log, *JOINTS[:2])
+SMOOTH = ELASTIC | {"friction": ["viscous", "smooth_coulomb"]}
+UNLIKE = [ELASTIC | {"shared": "motor", "friction": terms} for terms in (["viscous"], ["coulomb"])]
+SHARES: list[tuple[Sequence[Mapping[str, Any]], dict[str, Any], str]] = [
+    ([ELASTIC] * 2, {"a": ("ankle", "elbo")}, r"share=: no joint is named 'elbo'.*'elbow'"),
+    ([ELASTIC] * 2, {"a": ("ankle",)}, r"share=: \[ankle\] is alone"),
+    ([ELASTIC] * 2, {"": JOINTS[:2]}, "the group of ankle has no name"),
+    (
+        [ELASTIC] * 2,
+        {"first": JOINTS[:2], "second": JOINTS[1:]},
+        "elbow is in 'first' and in 'second'",
+    ),
+    ([SMOOTH] * 2, {"a": JOINTS[:2]}, "nonlinear in the unknown coulomb_width"),
     # A mapping is not a file: its drives are compared when they are identified.
-    unlike = pendulums(
-        ELASTIC | {"shared": "motor"}, ELASTIC | {"shared": "motor", "friction": ["viscous"]}
-    )
-    with pytest.raises(RobotError, match=r"\[ankle\] and \[elbow\] share 'motor' and differ"):
-        found(unlike, log)
+    (UNLIKE, {}, r"\[ankle\] and \[elbow\] share 'motor' and differ"),
+]
+
+
+@pytest.mark.parametrize(("drives", "share", "words"), SHARES)
+def test_groups_that_cannot_be_are_refused_by_name(
+    drives: Sequence[Mapping[str, Any]], share: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(RobotError, match=words):
+        identify(pendulums(*drives).without_nominal(), log_of(120.0, 120.0), share=share)

@@ -1,7 +1,6 @@
 """Both sides at once: rows that the truth solves, and what is found with and without noise."""
 
 import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -33,6 +32,7 @@ from tests.experiments import (
     leg_motion,
     leg_trajectory,
     true_value,
+    with_drive,
 )
 from tests.mistakes import with_channels
 from tests.representatives import quick_first, quick_only
@@ -45,27 +45,14 @@ OLS, WLS = estimation(estimator_named("ols")), estimation(estimator_named("wls")
 
 
 @cache
-def reordered() -> Robot:
-    names = ("knee_pitch", "hip_yaw", "ankle_pitch", "hip_roll", "hip_pitch")
-    return load_robot(
-        MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml", joints=names, payloads=(TEST_MASS,)
-    )
+def some_joints(*names: str, **options: Any) -> Robot:
+    """Return the leg with some joints, in their order."""
+    return load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml", joints=names, **options)
 
 
-@cache
-def two_springs() -> Robot:
-    """Return hip and knee of the leg alone, both elastic."""
-    return load_robot(
-        MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml", joints=("hip_pitch", "knee_pitch")
-    )
-
-
-@cache
-def with_cubic() -> Robot:
-    """Return the two springs with a drive that has a column more."""
-    drives = dict(two_springs().drives)
-    drives["knee_pitch"] = replace(drives["knee_pitch"], extra_terms=("c*theta_M'**3",))
-    return two_springs().with_values(two_springs().parameters, drives)
+REORDERED = ("knee_pitch", "hip_yaw", "ankle_pitch", "hip_roll", "hip_pitch")
+TWO_SPRINGS = some_joints("hip_pitch", "knee_pitch")
+WITH_CUBIC = with_drive(TWO_SPRINGS, "knee_pitch", extra_terms=("c*theta_M'**3",))
 
 
 def model_of(robot: Robot, rows: tuple[str, ...] | None = None) -> LoadModel:
@@ -75,17 +62,12 @@ def model_of(robot: Robot, rows: tuple[str, ...] | None = None) -> LoadModel:
 
 def truth_of(robot: Robot, model: LoadModel, names: tuple[str, ...]) -> Array:
     """Return the true parameters (p,) in the columns of the joint regression."""
-    count = len(names) - len(model.names)
-    base = dict(zip(model.expressions, model.base.project(robot.parameters), strict=True))
+    values = dict(zip(model.expressions, model.base.project(robot.parameters), strict=True))
     own = {"spring_offset": 0.0, "c": CUBIC}
-    values = []
-    for position, full in enumerate(names):
-        if count <= position < count + len(base):
-            values.append(base[full])
-            continue
+    for full in set(names) - set(values):
         name, joint = full.split(" of ")
-        values.append(own[name] if name in own else true_value(robot, joint, name))
-    return np.array(values)
+        values[full] = own[name] if name in own else true_value(robot, joint, name)
+    return np.array([values[name] for name in names])
 
 
 @cache
@@ -95,23 +77,23 @@ def exact(robot: Robot) -> Motion:
     return exact_motion(robot, reach=reach, is_sensed=True, c=CUBIC)
 
 
-CASES: dict[str, tuple[Callable[[], Robot], tuple[str, ...] | None]] = {
-    "mixed drives, test mass": (lambda: LEG, None),
-    "free foot": (lambda: IN_MOTION, None),
-    "springs alone": (lambda: LEG, ELASTIC),
-    "one torque": (lambda: LEG, ("knee_pitch",)),
-    "rows in another order": (lambda: LEG, ELASTIC[::-1]),
-    "joints in another order": (reordered, None),
-    "rotary spring, elastic telescope": (arm, None),
-    "extra term": (with_cubic, None),
+CASES: dict[str, tuple[Robot, tuple[str, ...] | None]] = {
+    "mixed drives, test mass": (LEG, None),
+    "free foot": (IN_MOTION, None),
+    "springs alone": (LEG, ELASTIC),
+    "one torque": (LEG, ("knee_pitch",)),
+    "rows in another order": (LEG, ELASTIC[::-1]),
+    "joints in another order": (some_joints(*REORDERED, payloads=(TEST_MASS,)), None),
+    "rotary spring, elastic telescope": (arm(), None),
+    "extra term": (WITH_CUBIC, None),
 }
 """{case: the robot, and the joints whose torque is known if not all}."""
 
 
 @pytest.fixture(params=list(CASES))
 def case(request: pytest.FixtureRequest) -> tuple[Robot, LoadModel, Regression, Array]:
-    make, rows = CASES[request.param]
-    robot, model = make(), model_of(make(), rows)
+    robot, rows = CASES[request.param]
+    model = model_of(robot, rows)
     springs = [j for j in model.torque_joints if j in robot.elastic_joints]
     both = simultaneous_regression(robot.without_nominal(), exact(robot), model, springs)
     return robot, model, both, truth_of(robot, model, both.names)
@@ -169,15 +151,15 @@ def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> Non
 
 @pytest.mark.slow  # 200 estimates
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
-    robot, model = two_springs().without_nominal(), model_of(two_springs())
+    robot, model = TWO_SPRINGS.without_nominal(), model_of(TWO_SPRINGS)
     sensors = Noise(2 * np.pi / 2000, 2 * np.pi / 2**14, torque_std_Nm=0.005)
-    unsensed = replace(exact(two_springs()), joint_torque=np.full((len(TIME), 2), np.nan))
+    unsensed = replace(exact(TWO_SPRINGS), joint_torque=np.full((len(TIME), 2), np.nan))
     scores = []
     for seed in range(200):
-        log = measure(two_springs(), unsensed, sensors, seed)
+        log = measure(TWO_SPRINGS, unsensed, sensors, seed)
         motion = reconstruct_motion(robot, log, 8.0)
         rows = simultaneous_regression(robot, motion, model, robot.joint_names)
-        truth = truth_of(two_springs(), model, rows.names)
+        truth = truth_of(TWO_SPRINGS, model, rows.names)
         found, _ = settled(robot, rows, truth, WLS)
         scores.append((found.values - truth) / found.standard_errors)
     check_scores(scores, band=1.2)
@@ -202,14 +184,10 @@ def test_a_spring_whose_torque_is_measured(springs: tuple[str, ...], is_blind: b
 
 def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
     motion, model = exact(arm()), model_of(arm())
-    springs = {
-        joint: np.array([true_value(arm(), joint, "stiffness"), 0.0])
-        for joint in arm().elastic_joints
-    }
-    theta = truth_of(
-        arm(), model, simultaneous_regression(arm(), motion, model, tuple(springs)).names
-    )
-    at_once = partial(simultaneous_regression, arm(), model=model, springs=tuple(springs))
+    elastic = arm().elastic_joints
+    springs = {x: np.array([true_value(arm(), x, "stiffness"), 0.0]) for x in elastic}
+    at_once = partial(simultaneous_regression, arm(), model=model, springs=elastic)
+    theta = truth_of(arm(), model, at_once(motion).names)
     both = offset_sensitivity(arm(), motion, at_once, theta)
     of_load = partial(load_regression, arm(), model=model, springs=springs)
     load = offset_sensitivity(arm(), motion, of_load, theta[-len(model.names) :])
@@ -221,20 +199,19 @@ def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
 
 def test_errors_of_rows_that_cannot_be_made() -> None:
     blind = replace(exact(LEG), joint_torque=np.full_like(exact(LEG).joint_torque, np.nan))
-    with pytest.raises(LogError, match="no torque in the log at knee_pitch; name the others"):
-        simultaneous_regression(LEG, blind, model_of(LEG), ("hip_pitch", "ankle_pitch"))
-    with pytest.raises(LogError, match="joint 'hip_yaw' has no spring"):
-        simultaneous_regression(LEG, blind, model_of(LEG), ("hip_yaw",))
-    nothing = np.full_like(blind.motor_torque, np.nan)
-    with pytest.raises(LogError, match="elastic joint 'hip_pitch' has no torque in the log"):
-        simultaneous_regression(
-            LEG, replace(blind, motor_torque=nothing), model_of(LEG, ELASTIC), ELASTIC
-        )
+    still = replace(blind, motor_torque=np.full_like(blind.motor_torque, np.nan))
+    for motion, rows, springs, words in (
+        (blind, None, ("hip_pitch", "ankle_pitch"), "no torque in the log at knee_pitch; name the"),
+        (blind, None, ("hip_yaw",), "joint 'hip_yaw' has no spring"),
+        (still, ELASTIC, ELASTIC, "elastic joint 'hip_pitch' has no torque in the log"),
+    ):
+        with pytest.raises(LogError, match=words):
+            simultaneous_regression(LEG, motion, model_of(LEG, rows), springs)
 
 
 @pytest.mark.slow  # 0.5 s
 def test_errors_of_iterations() -> None:
-    robot, model = two_springs(), model_of(two_springs())
+    robot, model = TWO_SPRINGS, model_of(TWO_SPRINGS)
     rows = simultaneous_regression(robot, exact(robot), model, robot.joint_names)
     with pytest.raises(
         IdentificationError, match="stiffness of zero, which predicts no deflection"
@@ -296,8 +273,7 @@ def test_an_incomplete_model_is_identified_in_turn(
         leg_log(), "knee_pitch", motor_torque=lambda x: factor * x + drag * w * np.abs(w)
     )
     known = leg(TEST_MASS).without_nominal()
-    knee: Any = known.drives["knee_pitch"]
-    by_data = identify(known.with_drives({"knee_pitch": replace(knee, spring=spring)}), log)
+    by_data = identify(with_drive(known, "knee_pitch", spring=spring), log)
     assert by_data.method == "two-step"
     assert reason in by_data.not_shared
     assert by_data.not_shared in by_data.summary()

@@ -11,7 +11,7 @@ import pinocchio
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives import ParameterName, SeriesElasticDrive, StiffDrive
+from seaid.drives import ParameterName
 from seaid.estimation import Estimate
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification import Identification, identify, validate
@@ -36,6 +36,7 @@ from tests.experiments import (
     leg_motion,
     load_scores,
     perfect_log,
+    with_drive,
     with_named_friction,
 )
 from tests.plants import regression
@@ -59,15 +60,9 @@ def experiment(request: pytest.FixtureRequest) -> Experiment:
 
 def load_error(found: Identification, truth: Robot) -> float:
     """Return the largest error of a base parameter, relative to the largest one of its unit."""
-    true = found.base.project(truth.parameters)
-    units = np.array(found.load.units)
-    return max(
-        float(
-            np.max(np.abs(found.load.values - true)[units == unit])
-            / np.max(np.abs(true)[units == unit])
-        )
-        for unit in set(found.load.units)
-    )
+    true, units = found.base.project(truth.parameters), np.array(found.load.units)
+    largest = [np.max(np.abs(true)[units == unit]) for unit in units]
+    return float(np.max(np.abs(found.load.values - true) / largest))
 
 
 def assert_same(found: Identification, other: Identification) -> None:
@@ -86,11 +81,9 @@ def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
     truth, motion, _ = experiment
     found = identify(truth.without_nominal(), perfect_log(truth, motion), cutoff_hz=20.0)
     errors = drive_errors(found, truth, *DRIVE)
-    sticking = {  # the ankle's motor is slow and sticks; only its friction suffers
-        name: errors.pop(name)
-        for name in ("viscous_friction of ankle_pitch", "coulomb_friction of ankle_pitch")
-        if name in errors
-    }
+    # the ankle's motor is slow and sticks; only its friction suffers
+    suffering = {f"{name} of ankle_pitch" for name in DRIVE[:2]} & {*errors}
+    sticking = {name: errors.pop(name) for name in suffering}
     assert len(errors) == (11 if sticking else 10)
     assert max(map(abs, errors.values())) < 0.005
     assert all(abs(error) < 0.03 for error in sticking.values())
@@ -138,20 +131,14 @@ def test_errors_are_as_large_as_the_standard_errors_say(experiment: Experiment, 
 def test_nothing_of_the_nominal_values_leaks(experiment: Experiment) -> None:
     truth, motion, noise = experiment
     log = measure(truth, motion, noise, seed=7)
-    wrong = truth.with_values(
-        3 * truth.parameters,
-        {joint: _doubled(drive) for joint, drive in truth.drives.items()},
-    )
+    drives: dict[str, Any] = {
+        joint: drive.with_values(dict.fromkeys({*DRIVE[:3]} & {*drive.values}, 1.0))
+        for joint, drive in truth.drives.items()
+    }
+    wrong = truth.with_values(3 * truth.parameters, drives)
     results = [identify(robot, log) for robot in (truth, truth.without_nominal(), wrong)]
     for other in results[1:]:
         assert_same(results[0], other)
-
-
-def _doubled(drive: StiffDrive | SeriesElasticDrive) -> StiffDrive | SeriesElasticDrive:
-    wrong: dict[str, float] = {"viscous_friction_Nms_per_rad": 1.0, "coulomb_friction_Nm": 1.0}
-    if isinstance(drive, SeriesElasticDrive):
-        wrong["stiffness_N_per_m" if drive.is_linear_spring else "stiffness_Nm_per_rad"] = 1.0
-    return replace(drive, **wrong)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow  # identifications of whole robots
@@ -181,54 +168,43 @@ def test_encoder_zeros_end_up_in_the_deflection_offset() -> None:
         identify(truth.without_nominal(), one) for one in (log, perfect_log(truth, motion))
     )
     for joint, zero, lever in (("shoulder", -0.4, 1 / 100.0), ("telescope", 2.0, 0.02 / 20.0)):
-        stiffness = plain.drives[joint].value("stiffness")
-        shift = found.drives[joint].value("spring_offset") - plain.drives[joint].value(
-            "spring_offset"
-        )
-        assert shift == pytest.approx(-stiffness * lever * zero, rel=1e-3)
-        assert found.drives[joint].value("stiffness") == pytest.approx(stiffness, rel=1e-6)
+        drives = found.drives[joint], plain.drives[joint]
+        stiffness, right = (drive.value("stiffness") for drive in drives)
+        shifted, offset = (drive.value("spring_offset") for drive in drives)
+        assert shifted - offset == pytest.approx(-right * lever * zero, rel=1e-3)
+        assert stiffness == pytest.approx(right, rel=1e-6)
     assert found.load.values == pytest.approx(plain.load.values, abs=1e-6)
 
 
 @pytest.mark.usefixtures("estimates_only")
-def test_unknown_rotor_inertias_are_found() -> None:
+@pytest.mark.parametrize("unknown", ["rotor inertias", "motor torques"])
+def test_what_is_not_known_of_a_spring_is_found_or_not_needed(unknown: str) -> None:
+    """Its rotor inertia in (7), and (4b) in the place of (7) where its joint torque is measured."""
     truth, motion = arm(), arm_motion()
-    known = truth.without_nominal()
-    unknown = {
-        joint: replace(drive, motor_inertia_kg_m2=None) for joint, drive in known.drives.items()
-    }
-    known = known.with_values(known.parameters, unknown)
-    found = identify(known, perfect_log(truth, motion), cutoff_hz=20.0)
+    known, log = truth.without_nominal(), perfect_log(truth, motion)
+    if unknown == "rotor inertias":
+        for joint in truth.joint_names:
+            known = with_drive(known, joint, motor_inertia_kg_m2=None)
+    else:
+        is_sensed = np.isfinite(motion.joint_torque)
+        torque = np.where(is_sensed, np.nan, motion.motor_torque)
+        log = replace(log, joint_torque=motion.joint_torque, motor_torque=torque)
+    found = identify(known, log, cutoff_hz=20.0)
     errors = drive_errors(found, truth, *DRIVE)
-    assert {name for name in errors if "inertia" in name} == {
-        "motor_inertia of shoulder",
-        "motor_inertia of telescope",
-    }
+    assert max(map(abs, errors.values())) < (0.01 if unknown == "rotor inertias" else 0.005)
+    if unknown == "motor torques":
+        names = {found.drives[joint].names for joint in truth.elastic_joints}
+        assert names == {("stiffness", "spring_offset")}
+        assert load_error(found, truth) < 0.005
+        return
+    assert {f"motor_inertia of {joint}" for joint in truth.elastic_joints} <= errors.keys()
     absorbed = [name for name in found.load.names if "motor_inertia" in name]
     assert absorbed == [
         "m_carriage + m_upper_arm + 1.6e+05 motor_inertia_rail",
         "Ixx_tool + 2500 motor_inertia_wrist",
     ]
-    assert max(map(abs, errors.values())) < 0.01
     assert {name for _, name, _ in found.model.drives} == {"viscous_friction", "coulomb_friction"}
     assert found.model.names[-1] == "coulomb_friction of wrist"
-
-
-def with_torques(truth: Robot, motion: Motion, joint_torque: Array, motor_torque: Array) -> Log:
-    return replace(perfect_log(truth, motion), joint_torque=joint_torque, motor_torque=motor_torque)
-
-
-@pytest.mark.usefixtures("estimates_only")
-def test_spring_from_the_joint_torque_where_the_motor_torque_is_not_known() -> None:
-    truth, motion = arm(), arm_motion()
-    joint_torque = motion.joint_torque.copy()
-    motor_torque = np.where(np.isfinite(joint_torque), np.nan, motion.motor_torque)
-    log = with_torques(truth, motion, joint_torque, motor_torque)
-    found = identify(truth.without_nominal(), log, cutoff_hz=20.0)
-    for joint in truth.elastic_joints:
-        assert found.drives[joint].names == ("stiffness", "spring_offset")
-    assert max(map(abs, drive_errors(found, truth, *DRIVE).values())) < 0.005
-    assert load_error(found, truth) < 0.005
 
 
 # Torque offsets of drives on springs, which the load side tells from spring offsets.
@@ -238,49 +214,37 @@ OFFSETS = {"hip_pitch": 2e-3, "knee_pitch": -2e-3, "ankle_pitch": 5e-4}
 
 
 @cache
-def log_with(with_offsets: bool) -> Log:
-    plain = leg_log(3)
-    offsets = [OFFSETS.get(joint, 0.0) * with_offsets for joint in plain.joint_names]
-    return replace(plain, motor_torque=plain.motor_torque + offsets)
-
-
-@cache
-def found_with(with_offsets: bool, method: Method = "two-step") -> Identification:
-    known = leg(TEST_MASS).without_nominal()
-    return identify(known, log_with(with_offsets), cutoff_hz=4.0, method=method)
+def with_offsets(part: float, method: Method = "two-step") -> tuple[Log, Identification]:
+    """Return the log of the leg with a part of the offsets, and its identification."""
+    log = leg_log(3)
+    offsets = [part * OFFSETS.get(joint, 0.0) for joint in log.joint_names]
+    log = replace(log, motor_torque=log.motor_torque + offsets)
+    return log, identify(leg(TEST_MASS).without_nominal(), log, cutoff_hz=4.0, method=method)
 
 
 @pytest.mark.parametrize("method", quick_first(["two-step", "simultaneous"]))
 def test_an_offset_moves_nothing_but_itself(method: Method) -> None:
-    """The equations are linear: the constant is in one column, whatever the data are."""
-    plain, off = found_with(False, method), found_with(True, method)
+    """The equations are linear: the constant is in one column, whatever the data are.
+
+    The motor side is predicted with it, and a large one is a finding.
+    """
+    (_, plain), (_, off) = runs = [with_offsets(part, method) for part in (0.0, 1.0)]
     assert off.load.values == pytest.approx(plain.load.values, rel=1e-3, abs=1e-4)
     for joint, offset in OFFSETS.items():
         before, after = plain.drives[joint], off.drives[joint]
-        assert after.value(TORQUE_OFFSET) - before.value(TORQUE_OFFSET) == pytest.approx(
-            offset, rel=1e-3
-        )
-        for name in ("stiffness", "viscous_friction", "coulomb_friction", "spring_offset"):
-            change = after.value(name) - before.value(name)
-            assert abs(change) < 1e-2 * before.standard_error(name)
-        error = before.value(TORQUE_OFFSET) / before.standard_error(TORQUE_OFFSET)
-        assert abs(error) < 3.0  # no offset in truth
-
-
-@pytest.mark.slow  # 1 s
-def test_a_large_offset_is_a_finding_and_none_is_not() -> None:
-    codes = [(one.code, one.joint) for one in found_with(True).warnings]
-    assert ("torque-offset", "knee_pitch") in codes
-    assert "torque-offset" not in {one.code for one in found_with(False).warnings}
-    finding = next(one for one in found_with(True).warnings if one.joint == "knee_pitch")
-    assert finding.evidence["offset_Nm"] == pytest.approx(-2e-3, rel=0.3)
-
-
-def test_the_motor_side_is_predicted_with_its_offset() -> None:
-    with_offset = validate(found_with(True), log_with(True)).actuator.rms_error
-    without = validate(found_with(False), log_with(False)).actuator.rms_error
+        names = (TORQUE_OFFSET, "spring_offset", *DRIVE[:3])
+        change, *rest = (after.value(name) - before.value(name) for name in names)
+        assert change == pytest.approx(offset, rel=1e-3)
+        sizes = [before.standard_error(name) for name in names]
+        assert np.all(np.abs(rest) < 1e-2 * np.array(sizes[1:]))
+        assert abs(before.value(TORQUE_OFFSET)) < 3.0 * sizes[0]  # no offset in truth
+    errors = [validate(found, log).actuator.rms_error for log, found in runs]
     elastic = [leg().index(joint) for joint in ELASTIC]
-    assert with_offset[elastic] == pytest.approx(without[elastic], rel=1e-2)
+    assert errors[1][elastic] == pytest.approx(errors[0][elastic], rel=1e-2)
+    assert "torque-offset" not in {one.code for one in plain.warnings}
+    finding = next(one for one in off.warnings if one.joint == "knee_pitch")
+    assert finding.code == "torque-offset"
+    assert finding.evidence["offset_Nm"] == pytest.approx(-2e-3, rel=0.3)
 
 
 def test_a_constant_that_gravity_explains_is_not_identifiable() -> None:
