@@ -7,13 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.unseen_robots import ONE_SIDED, Run, drives_toml, simulated, urdf_of
+from scripts.unseen_robots import (
+    ONE_SIDED,
+    Plant,
+    Run,
+    drives_toml,
+    logged,
+    simulated,
+    urdf_of,
+)
 from seaid.estimation import Estimate
 from seaid.estimation.least_squares import ordinary
 from seaid.legged import load_robot
-from seaid.log import Log, reconstruct_motion
+from seaid.log import reconstruct_motion
 from seaid.regressor import actuator_regression
 from seaid.robot import Robot
+from tests.plants import log_with
 
 pytestmark = pytest.mark.slow  # 16 s of MuJoCo in steps of 0.1 ms
 
@@ -40,31 +49,18 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return load_robot(folder / "robot.urdf", folder / "drives.toml")
 
 
-def fitted(robot: Robot, run: Run, seed: int | None) -> Estimate:
-    """Return the fit of (7) to a log with noise and encoder steps of a seed, or without any."""
-    joint, motor, torque = run.joint_position, run.motor_position, run.motor_torque
-    if seed is not None:
-        rng = np.random.default_rng(seed)
-        torque = torque + PLANT.torque_noise * np.std(torque) * rng.normal(size=torque.shape)
-        steps = 2 * np.pi / 2**PLANT.joint_bits, 2 * np.pi / PLANT.motor_counts
-        zeros = rng.uniform(-0.5, 0.5, 2)
-        joint, motor = (
-            step * np.round(angle / step + zero)
-            for step, angle, zero in zip(steps, (joint, motor), zeros, strict=True)
-        )
-    log = Log(
-        run.time,
-        robot.joint_names,
-        joint_position=joint,
-        motor_position=motor,
-        motor_torque=torque,
-    )
-    motion = reconstruct_motion(robot, log, cutoff_hz=10.0)
+def fitted(robot: Robot, run: Run, plant: Plant = PLANT, seed: int = 0) -> Estimate:
+    """Return the fit of (7) to a log with the noise and the encoder steps of a plant."""
+    columns = logged(plant, run, np.random.default_rng(seed))[0]
+    time, motor, joint, torque = columns.values()
+    sensors = {"motor_position": motor, "joint_position": joint, "motor_torque": torque}
+    motion = reconstruct_motion(robot, log_with(robot.joint_names, time, **sensors), 10.0)
     return ordinary(actuator_regression(robot, motion, robot.joint_names[0]))
 
 
 def test_reversals_bias_neither_friction_nor_rotor_inertia(robot: Robot, run: Run) -> None:
-    estimate = fitted(robot, run, None)
+    perfect = replace(PLANT, torque_noise=0.0, joint_bits=40, motor_counts=2**40)
+    estimate = fitted(robot, run, perfect)
     for name, truth in TRUTH.items():
         # With the sign of the filtered speed in place of it the stiffness was 7e-4 off.
         assert estimate.value(name) == pytest.approx(truth, rel=2e-4), name
@@ -73,7 +69,7 @@ def test_reversals_bias_neither_friction_nor_rotor_inertia(robot: Robot, run: Ru
 def test_intervals_of_friction_hold_what_they_promise(robot: Robot, run: Run) -> None:
     inside, draws = Counter[str](), 200
     for seed in range(draws):
-        estimate = fitted(robot, run, seed)
+        estimate = fitted(robot, run, seed=seed)
         for name, (lower, upper) in zip(estimate.names, estimate.interval(), strict=True):
             inside[name] += name in TRUTH and lower <= TRUTH[name] <= upper
     shares = {name: inside[name] / draws for name in TRUTH}
