@@ -10,28 +10,16 @@ import numpy as np
 from mujoco.rollout import rollout as mujoco_rollout
 
 import seaid
+from scripts.benchmarks import command_delays
 from seaid._arrays import Array
 from tests.plants import kept, log_with
 
-URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
-<mass value="1.5"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
-</link><joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="50" velocity="20"/></joint></robot>"""
-
+URDF, TIME, CHIRP = command_delays.URDF, command_delays.TIME, command_delays.FAST
+SOFT, HARD = command_delays.GAINS
+"""Two gain sets: K_p [N m/rad] and K_d [N m s/rad]."""
 
 TRUTH = {"viscous_friction": 0.12, "coulomb_friction": 0.18, "motor_inertia": 0.0243}
 """Of the MuJoCo plant at the joint: damping, friction loss and armature."""
-
-
-SOFT, HARD = (40.0, 1.0), (20.0, 3.0)
-"""Two gain sets: K_p [N m/rad] and K_d [N m s/rad]."""
-
-
-TIME = np.arange(0, 20, 0.005)
-
-
-CHIRP = 0.4 * np.sin(2 * np.pi * (0.1 * TIME + 0.0625 * TIME**2)) + 0.2 * np.sin(2.3 * TIME)
-
 
 GAINS = ("position_gain_Nm_per_rad", "velocity_gain_Nms_per_rad")
 
