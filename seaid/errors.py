@@ -11,10 +11,10 @@ import difflib
 import inspect
 import os
 import sys
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, wraps
-from itertools import chain, islice, product
+from itertools import chain, islice
 from types import NoneType, SimpleNamespace, UnionType
 from typing import (
     Annotated,
@@ -295,35 +295,18 @@ def _wrong_call(
     return f"{function}: {problem}; write {function}({call})"
 
 
-def _parts(hint: Any) -> tuple[Any, ...]:
-    """Return the alternatives of an annotation."""
-    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-
-
 def _mismatch(name: str, value: Any, hint: Any) -> str:
     """Return the message for a value of a wrong type: what is expected, found, and to do."""
-    parts = _parts(hint)
-    names = [*chain(*(get_args(part) for part in parts if get_origin(part) is Literal))]
-    if names and isinstance(value, str):
-        return f"{name}=: {unknown_name(name, value, names)}"
-    description = _described_value(value) + _wrong_element(value, parts)
-    text = f"{name}= must be {_described(parts)}, found {description}"
-    if any(get_args(part) and _fits([value], part) for part in parts):
-        return f"{text}; put it into a list: {name}=[...]"
-    return text
-
-
-def _wrong_element(value: Any, parts: Iterable[Any]) -> str:
-    """Return the first element of a list or mapping that an annotation does not allow, in words."""
-    is_mapping = isinstance(value, Mapping)
-    is_alike = _is_mapping if is_mapping else _is_list
-    alike = [part for part in parts if get_args(part) and is_alike(get_origin(part))]
-    elements = value.values() if is_mapping else value if isinstance(value, list | tuple) else ()
-    for part, element in product(alike[:1], elements):
-        inner = get_args(part)[is_mapping]
-        if not _fits(element, inner):
-            return f" with {_described_value(element)}, which must be {_described(_parts(inner))}"
-    return ""
+    kinds = _kinds(hint)
+    choices = [*chain(*(kind.choices for kind in kinds))]
+    if choices and isinstance(value, str):
+        return f"{name}=: {unknown_name(name, value, choices)}"
+    text = f"{name}= must be {_described(hint)}, found {_described_value(value)}"
+    misfits = ((entry, kind.entry) for kind in kinds for entry in kind.misfits(value))
+    for entry, allowed in islice(misfits, 1):
+        text += f" with {_described_value(entry)}, which must be {_described(allowed)}"
+    is_listed = any(kind.fits([value]) for kind in kinds)
+    return f"{text}; put it into a list: {name}=[...]" if is_listed else text
 
 
 @dataclass(frozen=True)
@@ -335,6 +318,31 @@ class Least:
 
 Seed = Annotated[int, Least(0)]
 """A seed of random numbers."""
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """One of the alternatives of an annotation: what it is called, and whether a value is one.
+
+    `entry` is the annotation of what is in a list or a mapping, Any if that is not compared; a text
+    is one of the `choices` of a `Literal`. What is not checked has no words.
+    """
+
+    words: str
+    is_one: Callable[[Any], bool]
+    entry: Any = Any
+    choices: tuple[str, ...] = ()
+
+    def fits(self, value: Any) -> bool:
+        """Return whether a value is of this kind, and so is what is in it."""
+        return self.is_one(value) and not any(True for _ in self.misfits(value))
+
+    def misfits(self, value: Any) -> Iterator[Any]:
+        """Yield what is in a value of this kind and does not fit; iterators would be used up."""
+        is_held = isinstance(value, Mapping | list | tuple) and self.is_one(value)
+        if self.entry is not Any and is_held:
+            entries = value.values() if isinstance(value, Mapping) else value
+            yield from (entry for entry in entries if not _fits(entry, self.entry))
 
 
 @runtime_checkable
@@ -357,85 +365,58 @@ _NAMED: dict[str, tuple[Any, str]] = {
 
 Numbers of NumPy are allowed, and 1 for True."""
 
-_ELEMENTS = {str: "names", Literal: "names", int: "numbers", float: "numbers"}
-_ELEMENTS |= dict.fromkeys(_UNIONS, "these")
-"""{annotation of the elements of a list: their words}."""
+_ENTRIES = {str: "names", int: "numbers", float: "numbers", **dict.fromkeys(_UNIONS, "these")}
+"""{annotation of what is in a list: its words}."""
 
 
-def _is_open(kind: Any) -> bool:
-    """Return whether an annotation is not checked: Any, type variables, protocols."""
-    return kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False)
+@cache
+def _kinds(hint: Any) -> tuple[_Kind, ...]:
+    """Return the alternatives of an annotation."""
+    kind, inner = get_origin(hint) or hint, get_args(hint)
+    if kind in _UNIONS:
+        return tuple(chain(*map(_kinds, inner)))
+    if kind is Annotated:
+        (number,), least = _kinds(inner[0]), inner[1].number
+        words = f"{number.words} of {least:g} or more"
+        return (_Kind(words, lambda value: number.is_one(value) and value >= least),)
+    if kind is Literal:
+        words = ", ".join(f"'{choice}'" for choice in inner)
+        return (_Kind(words, lambda value: isinstance(value, str) and value in inner, Any, inner),)
+    if kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False):
+        return (_Kind("", lambda _: True),)
+    return (_kind_of(kind, inner),)
 
 
-def _is_list(kind: Any) -> bool:
-    """Return whether an annotation is a list of something: no text, array or mapping."""
-    is_builtin = getattr(kind, "__module__", "") in ("builtins", "collections.abc")
-    return is_builtin and kind is not str and hasattr(kind, "__iter__") and not _is_mapping(kind)
+def _kind_of(kind: type, inner: Sequence[Any]) -> _Kind:
+    """Return the values of a type, which has annotations of what is in it in its brackets."""
+    allowed, words = _NAMED.get(kind.__name__, (kind, _with_article(kind.__name__)))
+    entry = inner[-1] if issubclass(kind, Mapping) and inner else Any
+    is_builtin = kind.__module__ in ("builtins", "collections.abc") and kind is not str
+    if is_builtin and hasattr(kind, "__iter__") and not issubclass(kind, Mapping):
+        # Which names a list may have, and lists within lists, are left to the function.
+        entry = str if get_origin(inner[0]) is Literal else inner[0]
+        noun = get_origin(entry) or entry
+        words = f"a list of {_ENTRIES.get(noun, f'{noun.__name__}s')}"
+        return _Kind(words, _is_list, entry if get_origin(entry) in (None, *_UNIONS) else Any)
+    entry = Any if get_origin(entry) is tuple else entry
+    return _Kind(words, lambda value: isinstance(value, allowed), entry)
 
 
-def _is_mapping(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, Mapping)
+def _is_list(value: Any) -> bool:
+    return hasattr(value, "__iter__") and not isinstance(value, str | bytes | Mapping)
 
 
 def _fits(value: Any, hint: Any) -> bool:
     """Return whether a value is one that an annotation allows."""
-    kind, inner = get_origin(hint) or hint, get_args(hint)
-    if kind in _UNIONS:
-        return any(_fits(value, part) for part in inner)
-    if kind is Annotated:
-        return _fits(value, inner[0]) and value >= inner[1].number
-    if kind is Literal:
-        return isinstance(value, str) and value in inner
-    return _is_open(kind) or _is_instance(value, kind, inner)
+    return any(kind.fits(value) for kind in _kinds(hint))
 
 
-def _is_instance(value: Any, kind: Any, inner: Sequence[Any]) -> bool:
-    """Return whether a value is of a type, and what is in it of those in its brackets."""
-    if _is_list(kind):
-        return _is_list_of(value, inner[0])
-    is_kind = isinstance(value, _NAMED.get(kind.__name__, (kind,))[0])
-    return is_kind and (not _is_mapping(kind) or _has_entries(value, inner[1:]))
-
-
-def _has_entries(value: Mapping[Any, Any], inner: Sequence[Any]) -> bool:
-    """Return whether a mapping is one to what an annotation allows; tuples are not compared."""
-    parts = [part for part in inner if get_origin(part) is not tuple]
-    return all(_fits(entry, part) for part in parts for entry in value.values())
-
-
-def _is_list_of(value: Any, inner: Any) -> bool:
-    """Return whether a value is an iterable of what an annotation allows."""
-    if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
-        return False
-    inner = str if get_origin(inner) is Literal else inner
-    is_plain = get_origin(inner) in (None, *_UNIONS)  # no list within a list
-    elements = value if is_plain and isinstance(value, list | tuple) else ()
-    return all(_fits(element, inner) for element in elements)
-
-
-def _words(hint: Any) -> list[str]:
-    """Return the words for the alternatives of an annotation, none for one that is not checked."""
-    kind, inner = get_origin(hint) or hint, get_args(hint)
-    if kind in _UNIONS:
-        return [*chain(*map(_words, inner))]
-    if kind is Annotated:
-        return [f"{word} of {inner[1].number:g} or more" for word in _words(inner[0])]
-    if kind is Literal:
-        return [f"'{choice}'" for choice in inner]
-    if _is_open(kind):
-        return []
-    if not _is_list(kind):
-        return [_NAMED.get(kind.__name__, (kind, _with_article(kind.__name__)))[1]]
-    element = get_origin(inner[0]) or inner[0]
-    return [f"a list of {_ELEMENTS.get(element, f'{element.__name__}s')}"]
-
-
-def _described(parts: Iterable[Any]) -> str:
+def _described(hint: Any) -> str:
     """Return the alternatives of an annotation in words."""
-    words = list(dict.fromkeys(chain(*map(_words, parts))))
-    hidden = {"None", *_words(str)} if "a path" in words else {"None"}
-    words = [word for word in words if word not in hidden]
-    return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+    words = dict.fromkeys(kind.words for kind in _kinds(hint))
+    hidden = {"", "None", _NAMED["str"][1]} if "a path" in words else {"", "None"}
+    text = ", ".join(word for word in words if word not in hidden)
+    return " or ".join(filter(None, text.rpartition(", ")[::2]))
 
 
 def _described_value(value: Any) -> str:
