@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -40,8 +40,7 @@ def result_folder(path: str | Path) -> Path:
     path = Path(path)
     with _refusals(path):
         path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            pass
+        tempfile.TemporaryFile(dir=path).close()
     return path
 
 
@@ -154,14 +153,35 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     with _refusals(path):
-        status = _status(path)
-        if status is None or _is_plain(status):
-            path.parent.mkdir(parents=True, exist_ok=True)  # also where it is 'new/../'
-            place = _replacing(Path(os.path.realpath(path)), status)
-        else:
-            place = _sending(path, status)
-        with place as temporary:
+        old, target = _status(path), Path(os.path.realpath(path))
+        is_plain = old is None or _is_plain(old)
+        if is_plain:
+            for name in (path, target):  # also where it is 'new/../', and of a link
+                name.parent.mkdir(parents=True, exist_ok=True)
+        folder = target.parent if is_plain else Path(tempfile.gettempdir())
+        # By their suffix some writers select the format.
+        suffix = path.suffix if len(os.fsencode(path.suffix)) <= _LONGEST_SUFFIX else ""
+        temporary = folder / f"{_TEMPORARY}{secrets.token_hex(8)}{suffix}"
+        # A new file gets the user's umask. In place of an existing one nobody else may read it
+        # before it has the mode of that one.
+        flags, mode = os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666 if old is None else 0o600
+        number = os.open(temporary, flags, mode)
+        try:
             yield temporary
+            if old is not None and not is_plain:
+                _send(temporary, path, old)
+                return
+            os.fsync(number)
+            if old is not None:
+                # In this order: a change of owner clears the set-user-id bits of the mode.
+                with suppress(PermissionError):
+                    os.fchown(number, old.st_uid, old.st_gid)
+                os.fchmod(number, stat.S_IMODE(old.st_mode))
+            os.replace(temporary, target)
+        finally:
+            os.close(number)
+            with suppress(OSError):
+                temporary.unlink()
 
 
 def write_whole(path: str | Path, content: bytes | str) -> None:
@@ -227,56 +247,16 @@ def _output_stream(status: os.stat_result) -> int | None:
     return None
 
 
-@contextmanager
-def _replacing(target: Path, old: os.stat_result | None) -> Iterator[Path]:
-    """Yield a new file in the target's folder, which replaces the target at the end."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f"{_TEMPORARY}{secrets.token_hex(8)}{_suffix(target)}")
-    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY
-    try:
-        # A new file gets the user's umask. In place of an existing one nobody else may read it
-        # before it has the mode of that one.
-        number = os.open(temporary, flags, 0o666 if old is None else 0o600)
-        try:
-            yield temporary
-            os.fsync(number)
-            # In this order: a change of owner clears the set-user-id bits of the mode.
-            if old is not None:
-                with suppress(PermissionError):
-                    os.fchown(number, old.st_uid, old.st_gid)
-                os.fchmod(number, stat.S_IMODE(old.st_mode))
-        finally:
-            os.close(number)
-        os.replace(temporary, target)
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
-
-
-@contextmanager
-def _sending(path: Path, status: os.stat_result) -> Iterator[Path]:
-    """Yield a temporary file whose bytes are then copied to a device, a pipe or stdout/stderr."""
-    with tempfile.TemporaryDirectory() as folder:
-        temporary = Path(folder) / f"content{_suffix(path)}"
-        yield temporary
-        with _opened(path, status) as stream, temporary.open("rb") as content:
-            shutil.copyfileobj(content, stream)
-
-
-def _opened(path: Path, status: os.stat_result) -> BinaryIO:
+def _send(content: Path, path: Path, status: os.stat_result) -> None:
+    """Copy the bytes of a file to a device, a pipe or stdout/stderr."""
     number = _output_stream(status)
-    if number is None:
-        return path.open("wb")
-    for stream in (sys.stdout, sys.stderr):
-        if stream is not None:
+    if number is not None:
+        for stream in filter(None, (sys.stdout, sys.stderr)):
             stream.flush()  # earlier output comes first
-    # Closing the copy leaves stdout itself open.
-    return os.fdopen(os.dup(number), "wb")
-
-
-def _suffix(path: Path) -> str:
-    """Return the suffix of a path, by which some writers select the format; none if it is long."""
-    return path.suffix if len(os.fsencode(path.suffix)) <= _LONGEST_SUFFIX else ""
+        # Closing the copy leaves stdout itself open.
+        number = os.dup(number)
+    with open(path if number is None else number, "wb") as stream, content.open("rb") as source:
+        shutil.copyfileobj(source, stream)
 
 
 @contextmanager
@@ -317,13 +297,9 @@ def from_template(
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    environment = Environment(
-        loader=PackageLoader(package, "."),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    lines: Any = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
+    loader = PackageLoader(package, ".")
+    environment = Environment(loader=loader, undefined=StrictUndefined, **lines)
     environment.filters |= filters
     environment.tests["finite"] = math.isfinite
     return environment.get_template(template).render(content)
@@ -403,10 +379,9 @@ def _read(
             raise error(f"{what} '{path}' is a pipe, a socket or a device; it must be a file")
         with open(path, "rb") as file:
             data = file.read(most_bytes + 1)
-    except OSError as problem:
-        raise error(f"cannot read {what} '{path}': {reason_of(problem)}") from None
-    except ValueError as problem:  # a path with a zero byte or an unencodable character
-        raise error(f"cannot read {what} {shown(str(path))}: {reason_of(problem)}") from None
+    except (OSError, ValueError) as problem:  # ValueError: a zero byte or half a character
+        text = shortened(str(path), _SHOWN)
+        raise error(f"cannot read {what} '{text}': {reason_of(problem)}") from None
     where = f"{what} '{path}'"
     if len(data) > most_bytes:
         raise error(f"{where} is longer than the {most_bytes // 2**20} MB allowed")
@@ -422,13 +397,21 @@ def _read(
 
 
 def _problems(value: Any, place: str = "", depth: int = 0) -> Iterator[tuple[str, str]]:
-    """Yield place, as a.b[2], and fault of what is too deep, not finite or not plain data."""
+    """Yield place, as a.b[2], and fault of what is too deep, not finite or not plain data.
+
+    The place of a key is that of its table.
+    """
     match value:
         case dict() | list() if depth >= _MOST_DEPTH:
             yield place, f"is more than {_MOST_DEPTH} levels deep"
-        case dict() | list():
-            for entry_place, entry in _entries(value, place):
-                yield from _problems(entry, entry_place, depth + 1)
+        case list():
+            for index, entry in enumerate(value):
+                yield from _problems(entry, f"{place}[{index}]", depth + 1)
+        case dict():
+            for key, entry in value.items():
+                yield from _problems(key, place, depth + 1)
+                name = key if _BARE.fullmatch(key) else shown(key)
+                yield from _problems(entry, f"{place}.{name}".removeprefix("."), depth + 1)
         case str() if _SURROGATE.search(value):
             yield place, "is not Unicode: an unpaired surrogate"
         case int() | float() if not math.isfinite(as_float(value)):
@@ -438,18 +421,6 @@ def _problems(value: Any, place: str = "", depth: int = 0) -> Iterator[tuple[str
         case _:
             found = shown(str(value))
             yield place, f"must be a number, a text, a list or a table, found {found}"
-
-
-def _entries(value: dict[str, Any] | list[Any], place: str) -> Iterator[tuple[str, Any]]:
-    """Yield the entries of a table or list with their places, and keys with that of the table."""
-    if isinstance(value, list):
-        yield from ((f"{place}[{index}]", entry) for index, entry in enumerate(value))
-        return
-    for key, entry in value.items():
-        yield place, key
-        is_bare = len(key) < _LONGEST_PLACE and _BARE.fullmatch(key)
-        name = key if is_bare else shown(key)
-        yield f"{place}.{name}" if place else name, entry
 
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
