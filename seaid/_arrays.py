@@ -22,6 +22,9 @@ from seaid.errors import (
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.intp]
+Shape = tuple[int | None, ...]
+"""The shape of an array, with None where any length is allowed."""
+
 Value = TypeVar("Value")
 
 MOST_SAMPLES = 10_000_000
@@ -54,43 +57,30 @@ class FrozenMapping(dict[str, Value]):
     update = setdefault = pop = popitem = clear = _refuse
 
 
-def frozen(
-    name: str, value: Any, shape: tuple[int | None, ...], error: type[SeaidError] = SeaidError
-) -> Array:
-    """Return a read-only float64 copy of `value`.
-
-    `shape` has None where any length is allowed. Raises `error` naming `name` for any other shape.
-    """
+def frozen(name: str, value: Any, shape: Shape, error: type[SeaidError] = SeaidError) -> Array:
+    """Return a read-only float64 copy of a value; raise `error` naming `name` for other shapes."""
+    wanted = str(shape).replace("None", "any").replace(",)", ")")
     try:
         array = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as problem:
-        raise error(
-            f"{name} must be numbers of shape {_text(shape)}: {reason_of(problem)}"
-        ) from None
-    fits = array.ndim == len(shape) and all(
-        wanted in (None, length) for wanted, length in zip(shape, array.shape, strict=True)
-    )
-    if not fits:
-        raise error(f"{name} must have shape {_text(shape)}, found {array.shape}")
+        raise error(f"{name} must be numbers of shape {wanted}: {reason_of(problem)}") from None
+    lengths = zip(shape, array.shape, strict=False)
+    if array.ndim != len(shape) or any(x not in (None, length) for x, length in lengths):
+        raise error(f"{name} must have shape {wanted}, found {array.shape}")
     array.setflags(write=False)
     return array
 
 
-def finite(
-    name: str, value: Any, shape: tuple[int | None, ...], error: type[SeaidError] = SeaidError
-) -> Array:
+def finite(name: str, value: Any, shape: Shape, error: type[SeaidError] = SeaidError) -> Array:
     """Return `frozen` of a value. Raises `error` naming `name` for NaN and infinity."""
     array = frozen(name, value, shape, error)
-    if not np.all(np.isfinite(array)):
-        bad = int(np.sum(~np.isfinite(array)))
+    if bad := np.count_nonzero(~np.isfinite(array)):
         described = array.tolist() if array.size <= 10 else f"{bad} of {array.size} that are not"
         raise error(f"{name} must be finite, found {described}")
     return array
 
 
-def freeze(
-    item: Any, shapes: Mapping[str, tuple[int | None, ...]], error: type[SeaidError] = SeaidError
-) -> None:
+def freeze(item: Any, shapes: Mapping[str, Shape], error: type[SeaidError] = SeaidError) -> None:
     """Replace fields of a frozen dataclass by `frozen` arrays of these shapes; None stays None."""
     for name, shape in shapes.items():
         if (value := getattr(item, name)) is not None:
@@ -124,10 +114,6 @@ def check_rate(
         raise error(f"rate_hz must be at most {most}, found {rate:g}", "rate_hz")
 
 
-def _text(shape: tuple[int | None, ...]) -> str:
-    return "(" + ", ".join("any" if length is None else str(length) for length in shape) + ")"
-
-
 def connected_groups(links: BoolArray) -> list[list[int]]:
     """Return the connected components of an undirected graph (n, n), each in rising order."""
     from scipy.sparse.csgraph import connected_components
@@ -154,21 +140,17 @@ def safely(
     because some LAPACK kernels return NaN for them and others fail.
     """
     bad = sum(np.size(matrix) - int(np.count_nonzero(np.isfinite(matrix))) for matrix in matrices)
-    if bad:
-        raise _error(what, f"{bad} numbers that are not finite", matrices, error)
     try:
+        if bad:
+            raise np.linalg.LinAlgError(f"{bad} numbers that are not finite")
         return function(*matrices, **options)
     except np.linalg.LinAlgError as problem:
-        raise _error(what, str(problem).lower(), matrices, error) from None
-
-
-def _error(what: str, fault: str, matrices: tuple[Any, ...], error: type[SeaidError]) -> SeaidError:
-    sizes = [np.max(np.abs(matrix), initial=0.0, where=np.isfinite(matrix)) for matrix in matrices]
-    return error(
-        f"{what} cannot be solved: {fault}, in sizes up to {max(sizes):.3g}. Check the units and "
-        "sizes of all inputs: lengths, masses and inertias of the robot, positions and "
-        "torques of the log"
-    )
+        sizes = [np.max(np.abs(x), initial=0.0, where=np.isfinite(x)) for x in matrices]
+        raise error(
+            f"{what} cannot be solved: {str(problem).lower()}, in sizes up to {max(sizes):.3g}. "
+            "Check the units and sizes of all inputs: lengths, masses and inertias of the robot, "
+            "positions and torques of the log"
+        ) from None
 
 
 def is_constant(values: Array) -> bool:

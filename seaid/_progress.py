@@ -32,12 +32,10 @@ Report = Callable[[float, int], None]
 def best_so_far(description: str, meaning: str, total: int, enabled: bool) -> Iterator[Report]:
     """Yield a `Report` that shows exp(smallest logarithm so far) on stderr if `enabled`."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=not enabled) as bar:
-        task = bar.add_task(description, total=total)
-        best = float("inf")
+    with Progress(console=Console(stderr=True), disable=not enabled) as bar:
+        task, best = bar.add_task(description, total=total), math.inf
 
         def report(value: float, step: int) -> None:
             nonlocal best
@@ -99,11 +97,10 @@ def value_text(value: Any) -> str:
     """Return a value in one short line, an array of more than three elements by its shape."""
     if hasattr(value, "shape") and math.prod(value.shape) > _MOST_ELEMENTS:
         return f"array {value.shape}"
-    if hasattr(value, "shape"):
-        return shortened(str(value.tolist()), _LONGEST_VALUE)
-    if isinstance(value, Mapping | list | tuple) and len(repr(value)) > _LONGEST_VALUE:
+    text = in_one_line(repr(value.tolist() if hasattr(value, "shape") else value))
+    if isinstance(value, Mapping | list | tuple) and len(text) > _LONGEST_VALUE:
         return f"{len(value)} entries"
-    return shortened(in_one_line(repr(value)), _LONGEST_VALUE)
+    return shortened(text, _LONGEST_VALUE)
 
 
 def counted(number: int, noun: str) -> str:

@@ -21,7 +21,6 @@ from typing import (
     Any,
     Literal,
     ParamSpec,
-    Protocol,
     Self,
     SupportsFloat,
     SupportsIndex,
@@ -30,7 +29,6 @@ from typing import (
     get_args,
     get_origin,
     get_type_hints,
-    runtime_checkable,
 )
 
 LONGEST_MESSAGE = 2000
@@ -245,18 +243,17 @@ def checked(
 
     def decorate(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
         signature = inspect.signature(function)
-        hints = cache(lambda only="": hints_of(function, with_limits=True, only=only))
+        hints = cache(lambda name: hints_of(function, only=name))
 
         @wraps(function)
         def call(*values: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
             try:
                 arguments = signature.bind(*values, **named).arguments
             except TypeError as problem:
-                text = _wrong_call(function.__name__, signature.parameters, named, str(problem))
-                raise error(text) from None
+                raise error(_wrong_call(function.__name__, signature, named, problem)) from None
             for name, value in arguments.items():
                 if not _fits(value, hints(name).get(name, Any)):
-                    raise error(_mismatch(name, value, hints()[name]), f"{name}=")
+                    raise error(_mismatch(name, value, hints(name)[name]), f"{name}=")
             return function(*values, **named)
 
         return call
@@ -264,8 +261,8 @@ def checked(
     return decorate
 
 
-def hints_of(function: Any, with_limits: bool = False, only: str = "") -> dict[str, Any]:
-    """Return the annotations of a function or a class, if asked for as `Annotated` has them.
+def hints_of(function: Any, only: str = "") -> dict[str, Any]:
+    """Return the annotations of a function or a class, with the limits of `Annotated`.
 
     Names that its module imports for types only are those of `seaid`, or of the own package, which
     are imported: `only` those of one parameter, if it is named.
@@ -277,7 +274,7 @@ def hints_of(function: Any, with_limits: bool = False, only: str = "") -> dict[s
         function = SimpleNamespace(__annotations__=part, __globals__=function.__globals__)
     while True:
         try:
-            return get_type_hints(function, localns=known, include_extras=with_limits)
+            return get_type_hints(function, localns=known, include_extras=True)
         except NameError as problem:
             # One unknown name per round, each imported by the module for type checkers only.
             name = str(problem.name)
@@ -285,9 +282,10 @@ def hints_of(function: Any, with_limits: bool = False, only: str = "") -> dict[s
 
 
 def _wrong_call(
-    function: str, parameters: Mapping[str, inspect.Parameter], named: Iterable[str], problem: str
+    function: str, signature: inspect.Signature, named: Iterable[str], problem: TypeError
 ) -> str:
     """Return the message for arguments that are missing, unknown or too many."""
+    parameters = signature.parameters
     for name in named:
         if name not in parameters:
             return f"{function}: {unknown_name('argument', name, parameters)}"
@@ -345,11 +343,6 @@ class _Kind:
             yield from (entry for entry in entries if not _fits(entry, self.entry))
 
 
-@runtime_checkable
-class _HasArray(Protocol):
-    def __array__(self) -> Any: ...
-
-
 _UNIONS = (Union, UnionType)
 _NAMED: dict[str, tuple[Any, str]] = {
     "int": (SupportsIndex, "a whole number"),
@@ -358,7 +351,7 @@ _NAMED: dict[str, tuple[Any, str]] = {
     "str": (str, "a name"),
     "NoneType": (NoneType, "None"),
     "Path": (os.PathLike, "a path"),
-    "ndarray": (Sequence | SupportsFloat | _HasArray, "an array"),
+    "ndarray": (Iterable | SupportsFloat, "an array"),
     "Mapping": (Mapping, "a mapping"),
 }
 """{name of a type in an annotation: (what a value may be, its words)}; others are their own.

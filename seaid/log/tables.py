@@ -154,4 +154,4 @@ _READERS: dict[Any, Callable[[Reader, Any, Any, str, str], Any]] = {
 
 def types_of(kind: type) -> dict[str, Any]:
     """Return {field: annotation} of a dataclass, with their limits."""
-    return hints_of(kind, with_limits=True)
+    return hints_of(kind)
