@@ -14,12 +14,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from seaid._arrays import Array
-from seaid._files import plain
+from seaid._files import plain, read_toml
 from seaid.checks.tolerances import POOR
 from seaid.drives import readable
+from seaid.errors import SeaidError
 
 NONE = "–"
 """What a page shows for NaN; a terminal shows "-"."""
@@ -350,12 +352,16 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: `name` of its file of CSV or LaTeX, caption, and a value per column in each row."""
+    """A table: `name` of its file of CSV or LaTeX, caption, and a value per column in each row.
+
+    A summary has its `title`.
+    """
 
     name: str
     caption: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[Any, ...], ...]
+    title: str = ""
 
     def _columns_in(self, excluded: Where) -> list[tuple[Column, list[Any]]]:
         """The columns with their values, without those that are shown in `excluded` alone."""
@@ -386,16 +392,26 @@ class Table:
         return [list(row) for row in zip(*(map(c.cell, values) for c, values in kept), strict=True)]
 
 
-def table_of(
-    name: str,
-    caption: str,
-    columns: Mapping[str, str] | Sequence[Column],
-    rows: Iterable[Sequence[Any]],
-) -> Table:
-    """Return a table of rows with a value per column; columns may be {head: kind}."""
-    if isinstance(columns, Mapping):
-        columns = [Column(head, kind) for head, kind in columns.items()]
-    return Table(name, caption, tuple(columns), tuple(map(tuple, rows)))
+def table_of(name: str, rows: Iterable[Sequence[Any]], **words: str) -> Table:
+    """Return a table of `tables.toml` with a value per column in each row.
+
+    The last value of a shorter row, a measured one, has all columns that follow. `words` stand in
+    its title and its heads, {first} for first=.
+    """
+    about = _tables()[name]
+    title, caption = (about.get(key, "").format(**words) for key in ("title", "caption"))
+    columns = [
+        Column(**{**column, "head": column["head"].format(**words)})
+        for entry in about["columns"]
+        for column in (_tables()[entry]["columns"] if isinstance(entry, str) else [entry])
+    ]
+    filled = tuple((*row, *row[-1:] * (len(columns) - len(row))) for row in map(tuple, rows))
+    return Table(name, caption, tuple(columns), filled, title)
+
+
+@cache
+def _tables() -> Mapping[str, Any]:
+    return read_toml(Path(__file__).with_name("tables.toml"), "the tables", SeaidError)
 
 
 def rendered(template: str, **content: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from seaid._arrays import Array
 from seaid.drives import ParameterName, readable
 from seaid.report.formats import (
     NONE,
-    Column,
     Measured,
     Scaled,
     Table,
@@ -41,20 +40,6 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
     from seaid.simulation import ReplayComparison
 
-_JOINT, _UNIT = Column("joint", "words"), Column("unit", "unit")
-_ESTIMATE = (
-    Column("nominal", "nominal", is_optional=True),
-    Column("identified", "value"),
-    Column("std. error", "error"),
-    Column("95 % interval", "interval", "page"),
-    _UNIT,
-    Column("change", "change of value", is_optional=True),
-    Column("rel. s.e.", "relative error"),
-    Column("note", "note", "page"),
-)
-_VALUE = {"value": "value", "std. error": "error", "95 % interval": "interval", "unit": "unit"}
-"""Columns of one measured value: nominal and identified, and of a value that has no nominal one."""
-
 
 def measured(
     estimate: Estimate, nominal: Mapping[str, float] | None = None
@@ -71,15 +56,13 @@ def measured(
 def drive_table(identification: Identification, nominal: Robot | None = None) -> Table:
     """Return the parameters of all drives, nominal and identified: Table 1 of the paper."""
     rows = [
-        (joint, name, *[value] * len(_ESTIMATE))
+        (joint, name, value)
         for joint, estimate in identification.drives.items()
         for name, value in measured(
             estimate, None if nominal is None else nominal.drives[joint].own_values
         )
     ]
-    caption = "Parameters of the drives; friction and rotor inertia are at the motor."
-    columns = (_JOINT, Column("parameter", "parameter"), *_ESTIMATE)
-    return table_of("drives", caption, columns, rows)
+    return table_of("drives", rows)
 
 
 _GROUPINGS_ROOM, _LEAST_ROOM = 1_000_000, 64
@@ -92,12 +75,10 @@ def load_table(estimate: Estimate, nominal: Array | None = None, head: str = "gr
     room = max(_LEAST_ROOM, _GROUPINGS_ROOM // max(len(estimate.names), 1))
     is_full = sum(map(len, estimate.names)) > _GROUPINGS_ROOM
     rows = [
-        (_fitting(name, room) if is_full else name, *[value] * (1 + len(_ESTIMATE)))
+        (_fitting(name, room) if is_full else name, value)
         for name, value in measured(estimate, before)
     ]
-    off = Column("off by", "off", "text", is_optional=True)
-    columns = (Column(head, "grouping"), *_ESTIMATE, off)
-    return table_of("base parameters", "Base parameters of the load.", columns, rows)
+    return table_of("base parameters", rows, head=head)
 
 
 def _fitting(grouping: str, room: int) -> str:
@@ -111,25 +92,17 @@ def _fitting(grouping: str, room: int) -> str:
 
 def calibration_table(calibration: StaticCalibration) -> Table:
     """Return the parameters of a calibration from statics."""
-    rows = [(name, *[value] * len(_VALUE)) for name, value in measured(calibration.estimate)]
-    caption = "Parameters of the law, and friction."
-    columns = {"parameter": "parameter", **_VALUE}
-    return table_of("calibration", caption, columns, rows)
+    return table_of("calibration", measured(calibration.estimate))
 
 
 def response_table(response: FrequencyResponse) -> Table:
     """Return resonance, antiresonance, damping and spring of every elastic joint."""
     rows = [
-        (joint, name, *[value] * len(_VALUE))
+        (joint, name, value)
         for joint, estimate in response.drives.items()
         for name, value in measured(estimate)
     ]
-    caption = (
-        "From the response of motor angles to motor torques; frequencies with all motors free "
-        "(resonance) and held (antiresonance)."
-    )
-    columns = {"joint": "words", "parameter": "parameter", **_VALUE}
-    return table_of("response", caption, columns, rows)
+    return table_of("response", rows)
 
 
 def whole_body_table(identification: Identification) -> Table:
@@ -141,9 +114,7 @@ def whole_body_table(identification: Identification) -> Table:
         found = Measured(quantity.value, quantity.standard_error)
         pair = (found, found) if quantity.is_determined else ("not determined", "")
         rows.append((quantity.name.capitalize(), *pair, quantity.unit))
-    caption = "The whole robot, in the frame of its base at the mean posture of the logs."
-    columns = {"quantity": "words", "identified": "value", "std. error": "error", "unit": "unit"}
-    return table_of("whole", caption, columns, rows)
+    return table_of("whole", rows)
 
 
 def setup_table(joints: Mapping[str, JointCheck]) -> Table:
@@ -156,17 +127,7 @@ def setup_table(joints: Mapping[str, JointCheck]) -> Table:
         )
         for joint, setup in joints.items()
     ]
-    columns = (
-        *(_JOINT, Column("swing"), Column("encoder slope")),
-        *(Column(x, "share") for x in ("error by file", "by any bodies", "motor equation")),
-        Column("gear ratio", "value and error", is_optional=True),
-        Column("torque delay [ms]", "value and error", is_optional=True),
-    )
-    caption = (
-        "What the set-up as given leaves of the torques, with the bodies of the robot file, with "
-        "any bodies, and in the motor equation; gear ratio and delay of the torque by the logs."
-    )
-    return table_of("set-up", caption, columns, rows)
+    return table_of("set-up", rows)
 
 
 _FORCES = (
@@ -194,15 +155,6 @@ def contact_tables(runs: Sequence[Run]) -> list[Table]:
 def contact_table(name: str, forces: ContactForces) -> Table:
     """Return the predicted and measured contact forces of a validation of this name."""
     rows = zip(forces.links, forces.basis, *(getattr(forces, x) for x in _FORCES), strict=True)
-    columns = {
-        "contact": "words",
-        "parameters": "words",
-        "measured (rms)": "number",
-        "error (rms)": "number",
-        "error": "share",
-        **dict.fromkeys(("normal (mean)", "normal (least)", "std. error"), "number"),
-        "friction used": "two digits",
-    }
     sums = {
         "predicted": forces.vertical,
         "measured": forces.measured_vertical,
@@ -211,7 +163,7 @@ def contact_table(name: str, forces: ContactForces) -> Table:
     known = [f"{x} {powers_of_ten(number(f))} N" for x, f in sums.items() if np.isfinite(f)]
     caption = f"Contact forces [N] of the {name}"
     caption += f". Normal forces in sum: {', '.join(known)}." if known else "."
-    return table_of(f"contacts {name}", caption, columns, rows)
+    return replace(table_of("contacts", rows), name=f"contacts {name}", caption=caption)
 
 
 def bodies_table(identification: Identification, nominal: Robot) -> Table:
@@ -227,21 +179,7 @@ def bodies_table(identification: Identification, nominal: Robot) -> Table:
         )
         for name, both in zip(identification.robot.body_names, pairs, strict=True)
     ]
-    columns = {
-        "link": "words",
-        "mass in the file [kg]": "number",
-        "mass identified [kg]": "number",
-        "change": "change",
-        "centre in the file [m]": "words",
-        "centre identified [m]": "words",
-        "moments in the file [kg m²]": "words",
-        "moments identified [kg m²]": "words",
-    }
-    caption = (
-        "Links in the robot file and as exported: mass, centre of mass, principal moments of "
-        "inertia about it."
-    )
-    return table_of("links", caption, columns, rows)
+    return table_of("links", rows)
 
 
 def _center(body: Array) -> str:
@@ -291,13 +229,7 @@ def term_table(identification: Identification) -> Table:
         for side, checks in identification.checks.items()
         for term in checks.terms
     ]
-    caption = (
-        "Model comparison: growth of the residual without each term of the drives. The data "
-        "support a term if the difference of the Bayesian information criterion is above zero."
-    )
-    tests = {"F": "number", "p": "probability", "BIC": "number", "supported": "figure"}
-    columns = {"term": "term", "residual without": "factor", **tests}
-    return table_of("terms", caption, columns, rows)
+    return table_of("terms", rows)
 
 
 def shared_table(identification: Identification) -> Table:
@@ -310,21 +242,7 @@ def shared_table(identification: Identification) -> Table:
         differ = "yes" if test.bic > 0 else "no"
         name = readable(shared.name)
         rows.append((name, ", ".join(shared.joints), measured, alone, test.F, test.bic, differ))
-    caption = (
-        "Parameters that the drives of a group share: the value of all, and what each joint would "
-        "have alone. The joints differ if the difference of the Bayesian information criterion "
-        "is above zero."
-    )
-    columns = {
-        "parameter": "words",
-        "joints": "words",
-        "shared value": "value and error",
-        "alone": "figure",
-        "F": "number",
-        "BIC": "number",
-        "differ": "figure",
-    }
-    return table_of("shared", caption, columns, rows)
+    return table_of("shared", rows)
 
 
 def residual_table(identification: Identification) -> Table:
@@ -334,18 +252,7 @@ def residual_table(identification: Identification) -> Table:
         for side, checks in identification.checks.items()
         for joint, white in checks.whiteness.items()
     ]
-    caption = (
-        "Autocorrelation of the residuals at lag 1. A low-pass filter causes some even for a "
-        "complete model, which the standard errors account for; a Durbin-Watson number near 0 "
-        "indicates a missing term."
-    )
-    columns = {
-        "joint": "words",
-        "side": "words",
-        "autocorrelation": "number",
-        "Durbin-Watson": "number",
-    }
-    return table_of("residuals", caption, columns, rows)
+    return table_of("residuals", rows)
 
 
 def condition_table(result: Identification) -> Table:
@@ -359,13 +266,7 @@ def condition_table(result: Identification) -> Table:
         excluded = sum(result.excluded.values()) if side == "both" else result.excluded.get(side)
         count = NONE if excluded is None else str(excluded)
         rows.append((place_name(side), checks.condition_number, estimate.residual_std, unit, count))
-    caption = (
-        "Each regression: condition number of its columns (unit norm), standard deviation of its "
-        "residual below the cutoff, and excluded instants near standstill."
-    )
-    columns = {"regression": "words", "condition number": "three digits", "residual": "number"}
-    columns |= {"unit": "unit", "excluded": "figure"}
-    return table_of("regressions", caption, columns, rows)
+    return table_of("regressions", rows)
 
 
 @dataclass(frozen=True)
@@ -461,13 +362,9 @@ def error_table(rows: Sequence[ErrorRow]) -> Table:
     ]
     # Where all samples count, a terminal has no columns about those at standstill.
     where: Where = "both" if any(is_partial(row.counted_share) for row in rows) else "page"
-    columns = (
-        *(Column("motion", "words", is_optional=True), _JOINT, Column("side", "words")),
-        *(Column("error", "share"), Column("counted", "share", where)),
-        *(Column("with standstill", "share", where), Column("unfiltered", "share")),
-        *(Column("RMS error", "figure", "page"), Column("R²", where="page")),
-    )
-    return table_of("predictions", "Prediction errors of the torques.", columns, cells)
+    table, partial = table_of("predictions", cells), ("counted", "with standstill")
+    columns = (replace(x, where=where) if x.head in partial else x for x in table.columns)
+    return replace(table, columns=tuple(columns))
 
 
 _ALL = {"mrad": "all revolute joints", "mm": "all prismatic joints"}
@@ -487,11 +384,7 @@ def replay_error_table(result: ReplayComparison) -> Table:
         for unit, mean in means.items():
             name = "all joints" if len(means) == 1 else _ALL[unit]
             rows.append((name, *(1e3 * error for error in mean), unit, ""))
-    heads = ("mean absolute, before", "after", "rms, before", "after")
-    errors_of = (Column(head, "three digits") for head in heads)
-    columns = (_JOINT, *errors_of, _UNIT, Column("after over noise", "two digits"))
-    caption = "Errors of the replayed joint positions."
-    return table_of("replay", caption, columns, rows)
+    return table_of("replay", rows)
 
 
 def difference_table(result: Comparison) -> Table:
@@ -510,13 +403,4 @@ def difference_table(result: Comparison) -> Table:
         )
         for x in result.differences
     ]
-    columns = (
-        *(_JOINT, Column("parameter", "grouping")),
-        *(Column(name, "value and error", is_name=True) for name in (first, second)),
-        *(_UNIT, Column("difference", where="text"), Column("change", "change")),
-        Column("std. error", "two digits", "text"),
-        Column("change / s.e.", "significance"),
-        *(Column("p", "probability"), Column("note", "words")),
-    )
-    caption = "All parameters that both identifications have: value ± standard error."
-    return table_of("comparison", caption, columns, rows)
+    return table_of("comparison", rows, first=first, second=second)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from io import StringIO
 from itertools import compress
 from typing import TYPE_CHECKING, Any
@@ -55,16 +56,9 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> s
     return "\n".join([title, *(line.rstrip() for line in text.getvalue().splitlines())])
 
 
-def table_text(made: Table, title: str) -> str:
-    """Return a table of a result as text."""
-    return table(title, *made.texts)
-
-
-def _listed(
-    title: str, columns: Mapping[str, str] | Sequence[Column], rows: Iterable[Sequence[Any]]
-) -> str:
-    """Return a table that no page has."""
-    return table_text(table_of("", "", columns, rows), title)
+def table_text(made: Table, title: str = "") -> str:
+    """Return a table of a result as text, with another title than its own if it is given."""
+    return table(title or made.title, *made.texts)
 
 
 def fields_table(data: Any) -> str:
@@ -95,8 +89,7 @@ def robot_table(robot: Robot) -> str:
     if isinstance(robot, FloatingRobot):
         kind = "free" if robot.floating_base.normal is None else "planar"
         rows.append(("", kind, "", robot.floating_base.link, robot.parameters[-10]))
-    columns = {**dict.fromkeys(("joint", "type", "drive", "body"), "words"), "mass [kg]": "number"}
-    return _listed(repr(robot), columns, rows)
+    return table_text(table_of("robot", rows), repr(robot))
 
 
 def _mimic_text(joint: DependentJoint) -> str:
@@ -107,8 +100,7 @@ def _mimic_text(joint: DependentJoint) -> str:
 def log_table(log: Log) -> str:
     """Return the range of each sensor of a log."""
     rows = [(name, x.min(), x.max(), x.std()) for name, x in log.columns().items()]
-    columns = {"sensor": "words", **dict.fromkeys(("least", "largest", "std. deviation"), "number")}
-    return _listed(repr(log), columns, rows)
+    return table_text(table_of("sensors", rows), repr(log))
 
 
 def estimate_table(estimate: Estimate) -> str:
@@ -123,16 +115,8 @@ def frequency_table(found: FrequencyResponse) -> str:
     size = np.abs(np.einsum("fii->fi", found.response))
     parts = [np.einsum("fii->fi", std) / size for std in (found.noise_std, found.total_std)]
     quality = zip(found.joints, *(np.median(part, axis=0) for part in parts), strict=True)
-    text = "Response of each motor: standard deviation, median over frequencies"
-    columns = {"joint": "words", "by noise": "share", "with nonlinear distortion": "share"}
-    return "\n".join(
-        [
-            repr(found),
-            table_text(tables.response_table(found), "Springs"),
-            _listed(text, columns, quality),
-            *warning_lines(found.warnings),
-        ]
-    )
+    made = [tables.response_table(found), table_of("quality", quality)]
+    return "\n".join([repr(found), *map(table_text, made), *warning_lines(found.warnings)])
 
 
 def base_table(base: BaseParameters) -> str:
@@ -153,8 +137,8 @@ def cross_check_text(check: CrossCheck) -> str:
 def excitation_table(plan: Excitation) -> str:
     """Return the criterion of a planned motion and the expected standard errors."""
     rows = zip(plan.names, plan.standard_errors.tolist(), plan.units, strict=True)
-    columns = {"parameter": "grouping", "expected std. error": "number", "unit": "words"}
-    return "\n".join([repr(plan), *condition_lines(plan), _listed("Parameters", columns, rows)])
+    made = table_text(table_of("excitation", rows))
+    return "\n".join([repr(plan), *condition_lines(plan), made])
 
 
 def condition_lines(plan: Excitation) -> list[str]:
@@ -197,11 +181,8 @@ def short_text(found: Identification, nominal: Robot, details: bool = False) -> 
     parts = _verdict_lines(found)
     if found.drives:
         parts.append(drive_table("Drives", found, nominal))
-    parts += [*_fit_tables(found), *_whole_body_table(found)]
+    parts += [*_fit_tables(found), *_tables_if_any(tables.whole_body_table(found))]
     return "\n".join([*parts, *(_details(found) if details else [_sources_text(found)])])
-
-
-_SHARED = "Shared parameters (value +- standard error)"
 
 
 def _details(identification: Identification, *drives: str) -> list[str]:
@@ -211,23 +192,17 @@ def _details(identification: Identification, *drives: str) -> list[str]:
         *([f"method: {method_text(identification)}"] if identification.springs else []),
         *(f"constants: {text}" for text in exact_text(identification)),
         *drives,
-        *_table_if_any(tables.shared_table(identification), _SHARED),
-        *(_whole_body_table(identification) if drives else []),
+        *_tables_if_any(tables.shared_table(identification)),
+        *_tables_if_any(*[tables.whole_body_table(identification)] * bool(drives)),
         load_table("Base parameters", identification),
         checks_table(identification),
         *map(feasible_text, [] if identification.feasible is None else [identification.feasible]),
     ]
 
 
-def _whole_body_table(identification: Identification) -> list[str]:
-    """Return the table of the mass and the centre of mass of a robot with a floating base."""
-    title = "Whole robot, in the frame of its base at the mean posture"
-    return _table_if_any(tables.whole_body_table(identification), title)
-
-
-def _table_if_any(made: Table, title: str) -> list[str]:
-    """Return a table as text, nothing if it has no rows."""
-    return [table_text(made, title)] if made.rows else []
+def _tables_if_any(*made: Table) -> list[str]:
+    """Return tables as text, without those that have no rows."""
+    return [table_text(x) for x in made if x.rows]
 
 
 def _sources_text(identification: Identification) -> str:
@@ -279,10 +254,7 @@ def _fit_tables(identification: Identification) -> list[str]:
         (joint, fit.own, fit.blocks, fit.motor, fit.identified, fit.nominal)
         for joint, fit in identification.joint_fits.items()
     ]
-    heads = ("own logs", "excluded blocks", "motor equation", "identified bodies", "robot file")
-    title = "Unexplained torque, of that without its mean (rms)"
-    made = _listed(title, {"joint": "words", **dict.fromkeys(heads, "share")}, rows)
-    return [made, *_residual_text(identification)] if rows else []
+    return [table_text(table_of("fits", rows)), *_residual_text(identification)] if rows else []
 
 
 def _residual_text(result: Identification) -> list[str]:
@@ -301,8 +273,7 @@ def setup_table(found: SetupCheck) -> str:
     nothing = [] if found.warnings else ["nothing contradicts the set-up"]
     if made.rows and not np.any(np.isfinite([row[2:6] for row in made.rows])):
         nothing = [*nothing, "no torque in N m and no second encoder of a joint was compared"]
-    title = "Torques that the set-up as given leaves unexplained"
-    return "\n".join([*_table_if_any(made, title), *warning_lines(found.warnings), *nothing])
+    return "\n".join([*_tables_if_any(made), *warning_lines(found.warnings), *nothing])
 
 
 def _processing_text(identification: Identification) -> list[str]:
@@ -339,16 +310,12 @@ def checks_table(identification: Identification) -> str:
     The data support a term whose BIC difference is above zero. A low-pass filter correlates the
     residual even of a complete model; the standard errors account for that.
     """
-    titles = {
-        "Terms of the drives: support by the data": tables.term_table,
-        "Residuals: autocorrelation at lag 1": tables.residual_table,
-        "Regressions: condition numbers of columns of unit norm": tables.condition_table,
-    }
-    made = {title: of(identification) for title, of in titles.items()}
+    checks = (tables.term_table, tables.residual_table, tables.condition_table)
+    made = _tables_if_any(*(table_of_checks(identification) for table_of_checks in checks))
     poorly = [
         f"! {x}" for checks in identification.checks.values() for x in checks.poorly_determined
     ]
-    return "\n".join([*(table_text(x, title) for title, x in made.items() if x.rows), *poorly])
+    return "\n".join([*made, *poorly])
 
 
 def feasible_text(feasible: FeasibleParameters) -> str:
@@ -370,14 +337,13 @@ def validation_table(result: Validation) -> str:
     """
     run = Run(name="", result=result, is_unseen=False)
     joints = tables.error_rows([run])
-    made = [tables.error_table([*joints, *tables.whole_rows(run)])]
-    title = "Unseen motion: relative error below the cutoff"
+    made = tables.error_table([*joints, *tables.whole_rows(run)])
     nothing = "Unseen motion: no joint has a torque that could be compared"
     contacts = tables.contact_tables([Run(name="motion", result=result, is_unseen=False)])
     return "\n".join(
         [
             *([] if joints else [nothing]),
-            *(table_text(x, title) for x in made if x.rows),
+            *_tables_if_any(made),
             *(table_text(x, x.caption) for x in contacts),
             *warning_lines(result.warnings),
         ]
@@ -394,8 +360,6 @@ def replay_table(result: ReplayComparison) -> str:
 
 def comparison_table(result: Comparison) -> str:
     """Return the parameters of two identifications side by side, with their differences."""
-    first, second = result.names
-    title = f"{first} and {second}: value +- standard error"
     tests = [
         f"{group_name(group)} as a whole: chi-square "
         f"{number(test.chi_square)} for {counted(test.freedom, 'parameter')}, p {test.p_value:.2g}"
@@ -406,7 +370,7 @@ def comparison_table(result: Comparison) -> str:
         for name, parameters in zip(result.names, result.only, strict=True)
         if parameters
     ]
-    made = table_text(tables.difference_table(result), title)
+    made = table_text(tables.difference_table(result))
     return "\n".join([made, *tests, *only, result.sentence])
 
 
@@ -519,14 +483,15 @@ def conditions_table(together: Conditions) -> str:
         for name in dict.fromkeys((*every, *first.load_side.names))
         if name not in together.differences
     ]
-    title = f"{len(named)} conditions: {{}} parameters (value +- standard error)"
-    columns = {"parameter": "grouping", "all conditions": "value and error"}
-    common = _listed(title.format("shared"), columns, shared)
+    count = str(len(named))
+    common = table_text(table_of("shared by conditions", shared, count=count))
     if not rows:
         return common
-    columns = {"parameter": "grouping", **dict.fromkeys(named, "value and error")}
-    columns |= {"F": "number", "BIC": "number", "differ": "figure"}
-    return "\n".join([_listed(title.format("condition-specific"), columns, rows), "", common])
+    values = [Column(name, "value and error") for name in named]
+    specific = table_of("conditions", (), count=count)
+    columns = (specific.columns[0], *values, *specific.columns[1:])
+    made = replace(specific, columns=columns, rows=tuple(rows))
+    return "\n".join([table_text(made), "", common])
 
 
 def _condition_value(identification: Identification, text: str) -> Measured:
@@ -554,12 +519,10 @@ def statics_table(found: StaticCalibration) -> str:
 
 def terms_table(selection: TermSelection) -> str:
     """Return the comparison of all candidate terms, step by step, and the recommendation."""
-    columns = {"joint: term": "words", "step": "figure", "F": "number", "BIC": "number"}
-    columns |= dict.fromkeys(("excluded blocks", "better", "supported"), "figure")
     rows = [_term_row(term) for term in selection.comparisons]
     notes = [f"! {_label(term)}: {term.reason}" for term in selection.comparisons if term.reason]
-    title = "Model comparison: a term needs BIC above zero and a smaller error of excluded blocks"
-    return "\n".join([_listed(title, columns, rows), *notes, *_recommendation(selection)])
+    made = table_text(table_of("model comparison", rows))
+    return "\n".join([made, *notes, *_recommendation(selection)])
 
 
 def _term_row(candidate: TermComparison) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ import pytest
 
 from seaid.legged import ContactForces
 from seaid.report import comparison_of, tables
-from seaid.report.formats import Cell, Column, Measured, Table, table_of
+from seaid.report.formats import FORMATS, Cell, Column, Measured, Table, _tables, table_of
 from seaid.report.html_traces import Run
 from tests.experiments import arm, arm_found, arm_result, leg
 from tests.report.test_comparison import made, of_loads
@@ -55,8 +55,8 @@ def test_a_terminal_and_a_page_show_the_same_numbers(name: str) -> None:
 
 
 def test_a_unit_is_the_last_column_of_a_terminal_and_stays_in_its_place_on_a_page() -> None:
-    columns = {"joint": "words", "unit": "unit", "error": "share"}
-    table = table_of("a", "", columns, [("knee", "kg m^2", 0.5)])
+    columns = (Column("joint", "words"), Column("unit", "unit"), Column("error", "share"))
+    table = Table("a", "", columns, (("knee", "kg m^2", 0.5),))
     assert table.texts == (["joint", "error", "unit"], [["knee", "50 %", "kg m^2"]])
     assert [column.page_head for column in table.on_page] == ["Joint", "Unit", "Error"]
     assert [cell.text for cell in table.cells[0]] == [
@@ -73,12 +73,23 @@ def test_columns_of_one_place_and_columns_without_a_value_are_left_out() -> None
         Column("note", "figure"),
     )
     unknown, known = Measured(2.0, 0.5, 1.0, 3.0), Measured(2.0, 0.5, 1.0, 3.0, nominal=1.0)
-    bare = table_of("a", "", columns, [("knee", *[unknown] * 3, "–")])
+    bare = Table("a", "", columns, (("knee", *[unknown] * 3, "–"),))
     assert bare.texts == (["joint", "off", "note"], [["knee", "-", "-"]])
-    both = table_of("a", "", columns, [("knee", *[value] * 3, "") for value in (unknown, known)])
+    both = replace(bare, rows=tuple(("knee", *[value] * 3, "") for value in (unknown, known)))
     assert both.texts[1] == [["knee", "-", "-", ""], ["knee", "1", "+2.0 s.e.", ""]]
     assert [column.head for column in both.on_page] == ["joint", "nominal", "interval", "note"]
     assert both.cells[1][2] == Cell("1.00 … 3.00")
+
+
+@pytest.mark.parametrize("name", _tables())
+def test_every_declared_table_has_columns_of_known_kinds(name: str) -> None:
+    """A measured value at the end of a row has all columns that follow."""
+    words = {"head": "parameter", "first": "{cold}", "second": "warm", "count": "3"}
+    table = table_of(name, [("knee", Measured(2.0, 0.5))], **words)
+    assert {column.kind for column in table.columns} <= set(FORMATS)
+    assert {column.where for column in table.columns} <= {"both", "text", "page"}
+    assert len(table.rows[0]) == len(table.columns)
+    assert not [x for x in (table.title, table.caption) if "  " in x or "{first}" in x]
 
 
 def test_the_residual_of_torques_and_forces_together_has_no_unit() -> None:
