@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -176,7 +175,9 @@ def frequency_response(
 
     spectra = read(records)
     fit = fitted(spectra, nominal, robot, picked)
-    for _ in range(_stick_rounds(spectra, fit)):
+    # Friction at standstill is that of the fit before, if motors have to stick.
+    sticks = spectra.is_periodic and np.any(fit.joints.dry > 0)
+    for _ in range(_STICK_ROUNDS * bool(sticks)):
         spectra = read([sticking_sign(record, picked, fit) for record in records])
         fit = refitted(spectra, fit)
     identified, others = None, dict[str, Estimate]()
@@ -188,16 +189,11 @@ def frequency_response(
     return replace(result, warnings=by_severity([*findings, *_disagreements(result, others)]))
 
 
-def _stick_rounds(spectra: Spectra, fit: Fit) -> int:
-    """Return how often friction at standstill is that of the fit before: motors have to stick."""
-    return _STICK_ROUNDS if spectra.is_periodic and np.any(fit.joints.dry > 0) else 0
-
-
 def _disagreements(result: FrequencyResponse, others: Mapping[str, Estimate]) -> Iterator[Finding]:
     """Yield the stiffnesses that other estimates have otherwise."""
-    for joint, estimate in result.drives.items():
-        if joint in others and "stiffness" in others[joint].names:
-            yield from predictions.stiffness_disagrees(joint, estimate, others[joint])
+    for joint, estimate in others.items():
+        if joint in result.drives and "stiffness" in estimate.names:
+            yield from predictions.stiffness_disagrees(joint, result.drives[joint], estimate)
 
 
 def _response(
@@ -254,7 +250,7 @@ def _rate_of(logs: Sequence[Log], period_s: float | None) -> float:
         )
     if period_s is None:
         return rates[0]
-    if not (math.isfinite(period_s) and period_s > 0):
+    if not 0 < period_s < math.inf:
         text = f"period_s must be more than zero seconds, found {period_s}"
         raise IdentificationError(text, "period_s")
     shortest = min(len(log.time) / rate for log, rate in zip(logs, rates, strict=True))
@@ -277,7 +273,7 @@ def _band(band_hz: Sequence[float] | None, top_hz: float) -> tuple[float, float]
 
 
 def _picked(
-    robot: Robot, records: Sequence[Any], joints: str | Sequence[str] | None, top_hz: float
+    robot: Robot, records: Sequence[Record], joints: str | Sequence[str] | None, top_hz: float
 ) -> list[int]:
     """Return the indices of the joints that take part, which need both motor channels."""
     if joints is None:
@@ -287,15 +283,15 @@ def _picked(
     if not picked:
         raise IdentificationError("no motor moves in these logs: give logs of a multisine")
     for name, field in (("torque", "motor_torque"), ("motor", "motor_position")):
-        for index in picked:
-            if not all(np.all(np.isfinite(getattr(x, name)[..., index])) for x in records):
-                joint = robot.joint_names[index]
-                raise IdentificationError(
-                    f"joint '{joint}' has no {field.replace('_', ' ')} in a log: a frequency "
-                    f"response needs both, from the motor; log '{joint}.{field}_...', or leave the "
-                    "joint out with joints=",
-                    "joints=",
-                )
+        known = [np.isfinite(getattr(x, name)).all(axis=(0, 1)) for x in records]
+        for index in np.intersect1d(picked, np.flatnonzero(~np.all(known, axis=0))).tolist():
+            joint = robot.joint_names[index]
+            raise IdentificationError(
+                f"joint '{joint}' has no {field.replace('_', ' ')} in a log: a frequency response "
+                f"needs both, from the motor; log '{joint}.{field}_...', or leave the joint out "
+                "with joints=",
+                "joints=",
+            )
     return picked
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -131,8 +131,7 @@ def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoi
     mass, gravity = (motion.T @ matrix @ motion for matrix in (mass, gravity))
     drives = [every[index] for index in joints]
     elastic = np.array([drive.is_elastic for drive in drives])
-    ratio = np.array([total_ratio(drive) for drive in drives])
-    radius = np.array([drive.load_radius for drive in drives])
+    ratio, radius = np.array([(total_ratio(x), x.load_radius) for x in drives]).T
     rotor = _values(drives, "motor_inertia", np.nan) * ratio**2
     return LinearJoints(
         elastic=elastic,
@@ -222,10 +221,10 @@ class Fit:
 
         J = _slopes(numbers, self.x, 1e-5 * np.maximum(np.abs(self.x), 1e-3))  # the delta method
         covariance, names = J @ self.covariance @ J.T, _numbers(self.joints, place, drive)
-        units = dict.fromkeys(("resonance", "antiresonance"), "Hz")
-        units |= dict.fromkeys(("resonance_damping", "antiresonance_damping"), "1")
-        units["load_inertia"] = "kg m^2" if drive.joint_units[0] == "N m" else "kg"
-        units["gravity_stiffness"] = unit_of(drive, "parallel_stiffness")
+        inertia = "kg m^2" if drive.joint_units[0] == "N m" else "kg"
+        units = {"load_inertia": inertia, "gravity_stiffness": unit_of(drive, "parallel_stiffness")}
+        for name in ("resonance", "antiresonance"):
+            units |= {name: "Hz", f"{name}_damping": "1"}
         every = tuple(units.get(name) or unit_of(drive, name) for name in names)
         texts = ParameterName.all_of(names)
         return Estimate(texts, numbers(self.x), covariance, every, self.residual, math.nan)
@@ -529,8 +528,7 @@ def _noise(error: Array, gain: Array) -> Array:
     """
     columns = np.column_stack([np.ones_like(gain), gain])
     shape = np.full_like(error, np.mean(error))
-    least = _LEAST_NOISE * np.mean(error) / np.array([1.0, np.mean(gain)])
-    noise = least
+    noise = least = _LEAST_NOISE * np.mean(error) / np.array([1.0, np.mean(gain)])
     for _ in range(_LEAST_ROUNDS * 2):
         noise = np.maximum(scipy.optimize.nnls(columns / shape[:, None], error / shape)[0], least)
         shape = columns @ noise
@@ -543,16 +541,13 @@ class _Problem:
 
     spectra: Spectra
     parameters: _Parameters
+    unity: Array = field(default_factory=lambda: np.array([1.0, 0.0])[:, None, None])
+    """Noise (2, 1, 1) of torques alone, by which errors are torques."""
 
     @cached_property
     def s(self) -> Any:
         """The complex frequencies (L,) [rad/s]."""
         return 2j * np.pi * self.spectra.hz
-
-    @cached_property
-    def unity(self) -> Array:
-        """Noise (2, 1, 1) of torques alone, by which errors are torques."""
-        return np.array([1.0, 0.0])[:, None, None]
 
     def errors(self, x: Array, noise: Array) -> Array:
         """Return the errors of the torques (E, L, n), less what the ends may explain.
@@ -562,10 +557,10 @@ class _Problem:
         errors in both (Pintelon and Schoukens 2012, section 9.11).
         """
         H, weights = self.whitened(x, noise)
-        n = H.shape[1]
         dry = self.parameters.joints(x).dry
         force = self.spectra.torque.mean(1) - dry * self.spectra.sign.mean(1)
-        error = self.spectra.motor.mean(1) - np.einsum("lij,elj->eli", H[:, :, :n], force)
+        angle = np.einsum("lij,elj->eli", H[:, :, : H.shape[1]], force)
+        error = self.spectra.motor.mean(1) - angle
         error = np.einsum("lij,elj->eli", weights, error)
         Q = self.ends(H, weights)
         flat = error.reshape(len(error), -1)
@@ -632,12 +627,10 @@ class _Problem:
             solution = scipy.optimize.least_squares(
                 self._real, x, args=(self.noise(x),), x_scale=self._scale(x), max_nfev=12
             )
-            step = np.max(np.abs(solution.x - x) / self._scale(x))
-            x = solution.x
+            x, step = solution.x, np.max(np.abs(solution.x - x) / self._scale(x))
             if step < 1e-6:
                 break
-        noise = self.noise(x)
-        H, weights = self.whitened(x, noise)
+        H, weights = self.whitened(x, self.noise(x))
         by_torque = np.einsum("lij,ljk->lik", weights, H[:, :, : H.shape[1]])
         # weights H has the diagonal 1 / sqrt(power), and weighted residuals have size 1 by these
         # weights: what remains of -2 log-likelihood is the sum of log power.
@@ -659,9 +652,8 @@ class _Problem:
             columns = np.concatenate([Y[:, near], slope * Y[:, near]], 2).reshape(-1, 2 * n)
             goal = errors[:, near].reshape(-1, n)
             Q = np.linalg.qr(columns / np.linalg.norm(columns, axis=0))[0]
-            before, after = (
-                np.sum(np.abs(error) ** 2, 0) for error in (goal, goal - Q @ (Q.conj().T @ goal))
-            )
+            rest = goal - Q @ (Q.conj().T @ goal)
+            before, after = (np.sum(np.abs(error) ** 2, 0) for error in (goal, rest))
             # Degrees of freedom of the local fit with 2 n columns.
             share = len(goal) / (len(goal) - 2 * n)
             ratios.append(np.log(np.maximum(before, 1e-300) / np.maximum(share * after, 1e-300)))
@@ -679,8 +671,7 @@ class _Problem:
 
     def fit(self, x: Array) -> Fit:
         """Return the fit with the covariance of its parameters."""
-        noise = self.noise(x)
-        scale = self._scale(x)
+        noise, scale = self.noise(x), self._scale(x)
         # The weights, by `noise` at x, are held: they are no part of the derivative.
         J = _slopes(partial(self._real, noise=noise), x, 1e-6 * scale)
         inverse = scale[:, None] * safely(np.linalg.pinv, J * scale, what=_WHAT)

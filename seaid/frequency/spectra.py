@@ -326,11 +326,10 @@ def _total_variance(spectra: Spectra, motor: Array, residual: Array, spare: int)
     `residual` is (E, L, n). With logs to spare it is that between realisations, else that at lines
     which are not excited (detection lines); NaN without either.
     """
-    _, L, n = residual.shape
     if spare > 0:
         return np.asarray(uniform_filter1d(np.sum(np.abs(residual) ** 2, 0) / spare, NEAR, axis=0))
     if len(spectra.unexcited_hz) < _FEWEST_LINES:
-        return np.full((L, n), np.nan)
+        return np.full(residual.shape[1:], np.nan)
     U, Y = spectra.unexcited.mean(axis=2)
     G = _at_lines(spectra.unexcited_hz, spectra.hz, motor)
     # Distortion is what the torque at these lines does not cause linearly.
