@@ -120,8 +120,11 @@ def write_first_project(
     known, of_neighbour = _known_drives(urdf, drives, bool(controllers))
     robot, joints, unnamed = _load_named_joints(urdf, known, robot_options, paths)
     describe = partial(describe_log, rate_hz=rate_hz, columns=columns)
+    reading, read = _Reading(robot, folder, describe, known is not None), list[_ReadLog]()
     files_of_logs, of_files = _files_of_logs(paths, robot, rate_hz, columns)
-    read, robot = _read_all(files_of_logs, robot, folder, describe, known is None)
+    for files in files_of_logs:
+        read.append(reading.log(files, read))
+    robot = reading.with_springs(entry.guess for entry in read if entry.guess)
     texts, of_columns, guessed = _descriptions(read)
     logs_read = [entry.log for entry in read]
     without, untrue = _joints_without_torque(robot, logs_read)
@@ -137,16 +140,13 @@ def write_first_project(
     text = from_template(
         "seaid.project",
         "first_project.toml.j2",
-        {"toml": as_toml},
-        doubts=list(map(_comment, doubts)),
+        {
+            **{"toml": as_toml, "comment": _comment, "relative": partial(_relative, folder=folder)},
+            **{"unflagged": partial(_unflagged, robot), "known": _known_fields},
+        },
         **_known_bodies(robot, logs_read, tables),
-        logs=_log_tables(robot, read, folder, tables),
-        robot=robot,
-        contacts=_contact_tables(robot),
-        urdf=_relative(urdf, folder),
-        drives=known and _relative(known, folder),
-        joints=joints,
-        options=robot_options,
+        **{"doubts": doubts, "logs": _parts(read, _is_commanded(tables)), "robot": robot},
+        **{"urdf": urdf, "drives": known, "joints": joints, "options": robot_options},
     )
     for path, content in {**texts, file: text}.items():
         write_whole(path, content)
@@ -244,66 +244,49 @@ class _ReadLog:
         return {self.file: self.guess} if is_new else {}  # type: ignore[dict-item]
 
 
-def _read_all(
-    files_of_logs: Sequence[tuple[Path, ...]],
-    robot: Robot,
-    folder: Path,
-    describe: Callable[..., Description],
-    infers: bool,
-) -> tuple[list[_ReadLog], Robot]:
-    """Return the logs of files, and the robot with the springs that their descriptions show.
+@dataclass(frozen=True)
+class _Reading:
+    """The logs of a robot, read by descriptions in the `folder` of a project or by inference.
 
-    These are known if `infers` is False: then the robot has its drives.
+    A joint whose deflection is logged has a spring, unless the drives of the robot are known.
     """
-    read: list[_ReadLog] = []
-    sprung = robot
-    for files in files_of_logs:
-        guess = read_or_describe(files, robot, describe)
+
+    robot: Robot
+    folder: Path
+    describe: Callable[..., Description]
+    are_drives_known: bool
+
+    def log(self, files: tuple[Path, ...], earlier: Sequence[_ReadLog]) -> _ReadLog:
+        """Read a log by the description in the project, that of an earlier log, or the guess."""
+        guess = read_or_describe(files, self.robot, self.describe)
         if isinstance(guess, Log):
-            read.append(_ReadLog(files, guess))
-            continue
-        joints = guess.description.joints
-        springs = [joint for joint in joints if infers and "deflection" in joints[joint]]
-        read.append(_read_described(files, _with_springs(robot, springs), folder, guess, read))
-        sprung = _with_springs(sprung, springs)
-    return read, sprung
-
-
-def _read_described(
-    files: tuple[Path, ...],
-    robot: Robot,
-    folder: Path,
-    guess: Description,
-    earlier: Sequence[_ReadLog],
-) -> _ReadLog:
-    """Read a log by the description in the project, that of an earlier log, or the guess."""
-    file = folder / f"{files[0].stem}_columns.toml"
-    if file.exists():
-        return _ReadLog(files, read_log(files, robot, description=file), guess, file)
-    if len(files) == 1 and (alike := _read_as_earlier(files, robot, guess, earlier)):
-        return alike
-    log = _read_guessed(files, robot, guess)
-    # Joints whose positions have seaid's names are in no doubt about their order.
-    sources = chain(*guess.description.joints.values())
-    if not any(name.endswith("_position") for name in sources):
+            return _ReadLog(files, guess)
+        robot = self.with_springs([guess])
+        file = self.folder / f"{files[0].stem}_columns.toml"
+        if file.exists():
+            return _ReadLog(files, read_log(files, robot, description=file), guess, file)
+        for entry in earlier if len(files) == 1 else ():
+            if entry.guess and entry.file and _columns(entry.guess) == _columns(guess):
+                source = entry.file if entry.file.exists() else entry.guess.description
+                with suppress(LogError):
+                    log = read_log(files, robot, description=source)
+                    return replace(entry, files=files, log=log)
+        log = _read_guessed(files, robot, guess)
+        # Joints whose positions have seaid's names are in no doubt about their order.
+        if any(name.endswith("_position") for name in chain(*guess.description.joints.values())):
+            ordered = with_leg_order(guess, robot, log)
+            if ordered is not guess:
+                guess, log = ordered, read_log(files, robot, description=ordered.description)
         return _ReadLog(files, log, guess, file)
-    ordered = with_leg_order(guess, robot, log)
-    if ordered is not guess:
-        log = read_log(files, robot, description=ordered.description)
-    return _ReadLog(files, log, ordered, file)
 
-
-def _read_as_earlier(
-    files: tuple[Path, ...], robot: Robot, guess: Description, earlier: Sequence[_ReadLog]
-) -> _ReadLog | None:
-    """Read a log by the description of an earlier one with the same columns, if there is one."""
-    for entry in earlier:
-        if entry.guess and entry.file and _columns(entry.guess) == _columns(guess):
-            source = entry.file if entry.file.exists() else entry.guess.description
-            with suppress(LogError):
-                log = read_log(files, robot, description=source)
-                return _ReadLog(files, log, entry.guess, entry.file)
-    return None
+    def with_springs(self, guesses: Iterable[Description]) -> Robot:
+        """Return the robot with springs in joints whose deflection is logged, and no gear."""
+        turning = SeriesElasticDrive(gear_ratio=1.0)
+        sliding = replace(turning, motor_pulley_radius_m=1.0)
+        slides = dict(zip(self.robot.joint_names, self.robot.is_prismatic, strict=True))
+        logged = chain(*(guess.description.joints.items() for guess in guesses))
+        joints = () if self.are_drives_known else (x for x, y in logged if "deflection" in y)
+        return self.robot.with_drives({x: sliding if slides[x] else turning for x in joints})
 
 
 def _columns(guess: Description) -> set[str]:
@@ -354,14 +337,6 @@ def _doubts_of_columns(doubts: Sequence[Doubt], tables: Mapping[str, _Table]) ->
     return [x for x in doubts if not (tables and x.code == "gear_ratio")]
 
 
-def _with_springs(robot: Robot, joints: Iterable[str]) -> Robot:
-    """Return the robot with springs in joints whose deflection is logged, and no gear."""
-    turning = SeriesElasticDrive(gear_ratio=1.0)
-    sliding = replace(turning, motor_pulley_radius_m=1.0)
-    slides = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
-    return robot.with_drives({x: sliding if slides[x] else turning for x in joints})
-
-
 def _joints_without_torque(robot: Robot, logs: Sequence[Log]) -> tuple[set[str], list[str]]:
     """Return the joints whose torques are no measurements, and each finding as a doubt."""
     findings = [finding for log in logs for finding in no_measurements(robot, log)]
@@ -407,31 +382,19 @@ def _is_commanded(tables: Mapping[str, _Table]) -> bool:
     return any("controller" in table for table in tables.values())
 
 
-def _contact_tables(robot: Robot) -> list[dict[str, Any]]:
-    """Return a table for each contact of a floating base, of what is not zero."""
-    base = robot.floating_base if isinstance(robot, FloatingRobot) else None
-    tables = ({**asdict(x), "position_m": [*x.position_m]} for x in (base.contacts if base else ()))
-    return [{name: x for name, x in table.items() if np.any(x)} for table in tables]
+def _known_fields(item: Any) -> dict[str, Any]:
+    """Return the fields of an object that are not zero."""
+    return {name: value for name, value in vars(item).items() if np.any(value)}
 
 
-def _log_tables(
-    robot: Robot, logs: Sequence[_ReadLog], folder: Path, drives: Mapping[str, _Table]
-) -> list[dict[str, Any]]:
-    """Return the tables of the logs, or of both parts of a long one: the last validates."""
-    tables: list[dict[str, Any]] = [
-        {
-            "files": [_relative(file, folder) for file in entry.files],
-            "description": entry.file and _relative(entry.file, folder),
-            "find_contacts": bool(_unflagged(robot, entry.log)),
-        }
-        for entry in logs
-    ]
-    start, end = logs[0].log.time[[0, -1]]
-    if len(logs) == 1 and end - start > _SHORTEST_S[_is_commanded(drives)]:
-        middle = np.round(start + _OWN_PART * (end - start), 1)
-        ends = map(float, (np.floor(start), middle, np.ceil(end + 1)))
-        tables = [{**tables[0], "between_s": part} for part in pairwise(ends)]
-    return tables
+def _parts(read: Sequence[_ReadLog], is_commanded: bool) -> list[tuple[_ReadLog, Any]]:
+    """Return the logs, each with None, or both parts of a single long one; the last validates."""
+    start, end = read[0].log.time[[0, -1]]
+    if len(read) > 1 or end - start <= _SHORTEST_S[is_commanded]:
+        return [(entry, None) for entry in read]
+    middle = np.round(start + _OWN_PART * (end - start), 1)
+    ends = map(float, (np.floor(start), middle, np.ceil(end + 1)))
+    return [(read[0], part) for part in pairwise(ends)]
 
 
 def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:
@@ -586,9 +549,7 @@ def _has_locked_output(log: Log, index: int, slides: bool) -> bool:
     return has_both and float(np.ptp(joint)) < least
 
 
-def _unscaled(
-    robot: Robot, logs: Sequence[Log], tables: Mapping[str, Mapping[str, object]]
-) -> list[str]:
+def _unscaled(robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table]) -> list[str]:
     """Return the joints whose motor has an unknown constant, without a sensor of their torque."""
     driven = [joint for joint, table in tables.items() if "motor_input" in table]
     sensed = {x for x in driven for log in logs if "joint_torque" in _moving_sensors(log, x)}
