@@ -416,9 +416,7 @@ def _problems(value: Any, place: str = "", depth: int = 0) -> Iterator[tuple[str
             yield place, "is not Unicode: an unpaired surrogate"
         case int() | float() if not math.isfinite(as_float(value)):
             yield place, "must be a finite number, of 308 digits at most"
-        case None | str() | int() | float():
-            return
-        case _:
+        case object() if not isinstance(value, str | int | float | None):
             found = shown(str(value))
             yield place, f"must be a number, a text, a list or a table, found {found}"
 

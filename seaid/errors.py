@@ -343,6 +343,9 @@ class _Kind:
             yield from (entry for entry in entries if not _fits(entry, self.entry))
 
 
+_UNCHECKED = _Kind("", lambda _: True)
+"""Any, type variables and protocols."""
+
 _UNIONS = (Union, UnionType)
 _NAMED: dict[str, tuple[Any, str]] = {
     "int": (SupportsIndex, "a whole number"),
@@ -353,6 +356,7 @@ _NAMED: dict[str, tuple[Any, str]] = {
     "Path": (os.PathLike, "a path"),
     "ndarray": (Iterable | SupportsFloat, "an array"),
     "Mapping": (Mapping, "a mapping"),
+    "dict": (dict, "a dict"),
 }
 """{name of a type in an annotation: (what a value may be, its words)}; others are their own.
 
@@ -375,24 +379,24 @@ def _kinds(hint: Any) -> tuple[_Kind, ...]:
     if kind is Literal:
         words = ", ".join(f"'{choice}'" for choice in inner)
         return (_Kind(words, lambda value: isinstance(value, str) and value in inner, Any, inner),)
-    if kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False):
-        return (_Kind("", lambda _: True),)
-    return (_kind_of(kind, inner),)
+    is_type = isinstance(kind, type) and not getattr(kind, "_is_protocol", kind is Any)
+    return (_kind_of(kind, inner) if is_type else _UNCHECKED,)
 
 
 def _kind_of(kind: type, inner: Sequence[Any]) -> _Kind:
     """Return the values of a type, which has annotations of what is in it in its brackets."""
     allowed, words = _NAMED.get(kind.__name__, (kind, _with_article(kind.__name__)))
-    entry = inner[-1] if issubclass(kind, Mapping) and inner else Any
-    is_builtin = kind.__module__ in ("builtins", "collections.abc") and kind is not str
-    if is_builtin and hasattr(kind, "__iter__") and not issubclass(kind, Mapping):
-        # Which names a list may have, and lists within lists, are left to the function.
-        entry = str if get_origin(inner[0]) is Literal else inner[0]
-        noun = get_origin(entry) or entry
-        words = f"a list of {_ENTRIES.get(noun, f'{noun.__name__}s')}"
-        return _Kind(words, _is_list, entry if get_origin(entry) in (None, *_UNIONS) else Any)
-    entry = Any if get_origin(entry) is tuple else entry
-    return _Kind(words, lambda value: isinstance(value, allowed), entry)
+    is_general = kind.__module__ in ("builtins", "collections.abc") and hasattr(kind, "__iter__")
+    if not is_general or kind.__name__ in _NAMED:
+        # The contents of tuples are left to the function.
+        entry = inner[-1] if issubclass(kind, Mapping) and inner else Any
+        entry = Any if get_origin(entry) is tuple else entry
+        return _Kind(words, lambda value: isinstance(value, allowed), entry)
+    # Which names a list may have, and lists within lists, are left to it as well.
+    entry = str if get_origin(inner[0]) is Literal else inner[0]
+    noun = get_origin(entry) or entry
+    words = f"a list of {_ENTRIES.get(noun, f'{noun.__name__}s')}"
+    return _Kind(words, _is_list, entry if get_origin(entry) in (None, *_UNIONS) else Any)
 
 
 def _is_list(value: Any) -> bool:

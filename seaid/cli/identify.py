@@ -74,7 +74,7 @@ def identify(
     if output.suffix == ".npz":
         more = {"in_pieces": in_pieces, "feasible": choices["feasible"], "refine": refine}
         recorded = options.recorded(logs, **more)
-        origin = seaid.project.provenance_of((*options.files, *logs), recorded, command_line())
+        origin = seaid.report.provenance_of((*options.files, *logs), recorded, command_line())
         seaid.project.save_run(fit, output, provenance=origin)
     else:
         seaid.write_parameters(fit, output)

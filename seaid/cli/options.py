@@ -238,7 +238,7 @@ class IdentifiedOptions(IdentifyOptions):
         logs = self.logs(self.from_logs, robot)
         identification = seaid.identify(robot, logs, feasible=feasible, **self.keywords())
         options = self.recorded(self.from_logs, feasible=feasible)
-        origin = seaid.project.provenance_of(self.files, options, command_line())
+        origin = seaid.report.provenance_of(self.files, options, command_line())
         return seaid.project.Run(identification, {}, origin)
 
 

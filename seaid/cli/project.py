@@ -113,7 +113,7 @@ def _logs(project: Project, use: Literal["identify", "validate"]) -> tuple[Path,
 
 def warn_of_changes(run: Path, provenance: Mapping[str, Any]) -> None:
     """Warn if an input of a run has changed since."""
-    if changed := seaid.project.changed_inputs(provenance):
+    if changed := seaid.report.changed_inputs(provenance):
         warnings.warn(
             f"{listed(changed)} changed since '{run}' was made: repeat seaid run, or give --from",
             SeaidWarning,

@@ -61,7 +61,7 @@ def report(
     result.check(output, read=(*options.files, *validation, *multisine, plan))
     run = options.identified_run(feasible=feasible)
     fit = run.identification
-    facts = seaid.project.facts_of(run.provenance)
+    facts = seaid.report.facts_of(run.provenance)
     results, replays = dict(run.validations), list(run.replays.values())
     # --validate replaces the validations of a saved run, and the notes on its logs.
     if is_typed("validation") or not results:
@@ -84,8 +84,8 @@ def report(
 
 def _facts_of_tests(unseen: Sequence[Path]) -> dict[str, str]:
     """Return the logs that the model was validated on, as facts {name: text}."""
-    origin = seaid.project.provenance_of(unseen, {}, ())
-    facts = seaid.project.facts_of({"inputs": origin["inputs"]})
+    origin = seaid.report.provenance_of(unseen, {}, ())
+    facts = seaid.report.facts_of({"inputs": origin["inputs"]})
     return {name.replace("Input", "Validated on"): text for name, text in facts.items()}
 
 

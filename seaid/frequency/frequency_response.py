@@ -176,8 +176,8 @@ def frequency_response(
     spectra = read(records)
     fit = fitted(spectra, nominal, robot, picked)
     # Friction at standstill is that of the fit before, if motors have to stick.
-    sticks = spectra.is_periodic and np.any(fit.joints.dry > 0)
-    for _ in range(_STICK_ROUNDS * bool(sticks)):
+    sticks = spectra.is_periodic & bool(np.any(fit.joints.dry > 0))
+    for _ in range(_STICK_ROUNDS * sticks):
         spectra = read([sticking_sign(record, picked, fit) for record in records])
         fit = refitted(spectra, fit)
     identified, others = None, dict[str, Estimate]()

@@ -11,8 +11,5 @@ from .running import run_projects as run_projects
 from .running import summary_of as summary_of
 from .saved import FILE as FILE
 from .saved import Run as Run
-from .saved import changed_inputs as changed_inputs
-from .saved import facts_of as facts_of
 from .saved import load_run as load_run
-from .saved import provenance_of as provenance_of
 from .saved import save_run as save_run

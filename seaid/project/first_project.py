@@ -124,7 +124,7 @@ def write_first_project(
     files_of_logs, of_files = _files_of_logs(paths, robot, rate_hz, columns)
     for files in files_of_logs:
         read.append(reading.log(files, read))
-    robot = reading.with_springs(entry.guess for entry in read if entry.guess)
+    robot = reading.with_springs(entry.guess for entry in read)
     texts, of_columns, guessed = _descriptions(read)
     logs_read = [entry.log for entry in read]
     without, untrue = _joints_without_torque(robot, logs_read)
@@ -271,20 +271,14 @@ class _Reading:
                 with suppress(LogError):
                     log = read_log(files, robot, description=source)
                     return replace(entry, files=files, log=log)
-        log = _read_guessed(files, robot, guess)
-        # Joints whose positions have seaid's names are in no doubt about their order.
-        if any(name.endswith("_position") for name in chain(*guess.description.joints.values())):
-            ordered = with_leg_order(guess, robot, log)
-            if ordered is not guess:
-                guess, log = ordered, read_log(files, robot, description=ordered.description)
-        return _ReadLog(files, log, guess, file)
+        return _ReadLog(files, *_read_guessed(files, robot, guess), file)
 
-    def with_springs(self, guesses: Iterable[Description]) -> Robot:
+    def with_springs(self, guesses: Iterable[Description | None]) -> Robot:
         """Return the robot with springs in joints whose deflection is logged, and no gear."""
         turning = SeriesElasticDrive(gear_ratio=1.0)
         sliding = replace(turning, motor_pulley_radius_m=1.0)
         slides = dict(zip(self.robot.joint_names, self.robot.is_prismatic, strict=True))
-        logged = chain(*(guess.description.joints.items() for guess in guesses))
+        logged = chain(*(guess.description.joints.items() for guess in guesses if guess))
         joints = () if self.are_drives_known else (x for x, y in logged if "deflection" in y)
         return self.robot.with_drives({x: sliding if slides[x] else turning for x in joints})
 
@@ -294,10 +288,22 @@ def _columns(guess: Description) -> set[str]:
     return guess.description.columns() | {*guess.unused}
 
 
-def _read_guessed(files: Sequence[Path], robot: Robot, guess: Description) -> Log:
-    """Return a log by its inferred description; raise LogError with what is unsure about it."""
+def _read_guessed(
+    files: Sequence[Path], robot: Robot, guess: Description
+) -> tuple[Log, Description]:
+    """Return a log by its inferred description, and that with the order of its legs.
+
+    Raises LogError with what is unsure about it.
+    """
     try:
-        return read_log(files, robot, description=guess.description)
+        log = read_log(files, robot, description=guess.description)
+        # Joints whose positions have seaid's names are in no doubt about their order.
+        names = chain(*guess.description.joints.values())
+        is_doubtful = any(name.endswith("_position") for name in names)
+        ordered = with_leg_order(guess, robot, log) if is_doubtful else guess
+        if ordered is not guess:
+            log = read_log(files, robot, description=ordered.description)
+        return log, ordered
     except LogError as problem:
         # In the place of its advice, which has the names of seaid's own columns.
         about = [problem.reason, *(x for x in guess.unsure if x.code in _OF_COLUMNS)]

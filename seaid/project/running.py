@@ -58,8 +58,9 @@ from seaid.identification import (
 from seaid.identification.conditions import CONDITION_SPECIFIC
 from seaid.log import Log
 from seaid.project.project import Options, Project, check_logs, load_project
-from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
-from seaid.report.html_experiment import package_versions
+from seaid.project.saved import FILE, Run, save_run
+from seaid.report import facts_of, provenance_of
+from seaid.report.provenance import package_versions
 from seaid.simulation import ReplayComparison, compare_replays
 
 Test = TypeVar("Test", Validation, ReplayComparison)

@@ -1,6 +1,5 @@
 """Saved runs: an identification with its validations and origin, whole in one file.
 
-The origin (`provenance_of`) has versions, inputs with their digests, options and command line.
 Results are frozen dataclasses. The file is an NPZ archive of their arrays and one JSON text of all
 the rest, in which an object names its class; only the classes in the annotations of a run are made
 again. Nothing is pickled or evaluated.
@@ -10,9 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from datetime import UTC, datetime
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, get_args
@@ -29,7 +27,6 @@ from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shown
 from seaid.identification import Fit, Identification, Validation
 from seaid.log import Motion
 from seaid.log.motion import decimated
-from seaid.report.html_experiment import package_versions, system_name
 from seaid.robot import Robot
 from seaid.robot.pinocchio_model import ModelJoint, joints_of, model_of
 from seaid.simulation import ReplayComparison
@@ -328,61 +325,3 @@ def _robot(kind: type[Robot], **content: Any) -> Robot:
     robot = kind(**{**content, "model": model, "drives": drives})
     # `model_of` makes joints only: this sets the inertias of the model.
     return robot.with_values(robot.parameters, drives)
-
-
-_DIGEST = 12
-"""Characters of a digest that people read."""
-
-
-def provenance_of(
-    files: Iterable[Path], options: Mapping[str, Any], command: Sequence[str]
-) -> dict[str, Any]:
-    """Return the origin of a result as plain data."""
-    return {
-        "time_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
-        "command": list(command),
-        "system": system_name(),
-        "versions": package_versions(),
-        "inputs": [digest for path in files for digest in _digests(path)],
-        "options": dict(options),
-    }
-
-
-def _digests(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield path, size and SHA-256 of a file, or of all files of a folder (a bag)."""
-    members = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
-    for member in members:
-        try:
-            with member.open("rb") as file:
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
-            yield {"path": str(member.resolve()), "bytes": member.stat().st_size, "sha256": digest}
-        except OSError:  # the name of a robot, or removed since it was read
-            yield {"path": str(member), "bytes": None, "sha256": None}
-
-
-def facts_of(provenance: Mapping[str, Any]) -> dict[str, str]:
-    """Return the origin as facts {name: text} of a report."""
-    facts = {}
-    if provenance.get("command"):
-        facts["Command"] = " ".join(provenance["command"])
-    for place, entry in enumerate(provenance.get("inputs", ()), 1):
-        size = "" if entry["bytes"] is None else f", {entry['bytes']} bytes"
-        digest = "" if entry["sha256"] is None else f", SHA-256 {entry['sha256'][:_DIGEST]}…"
-        facts[f"Input {place}"] = f"{entry['path']}{size}{digest}"
-    for name, value in provenance.get("options", {}).items():
-        if isinstance(value, Mapping):
-            value = [f"{key} {number}" for key, number in value.items()]
-        text = ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
-        facts[name.replace("_", " ").capitalize()] = text
-    return facts
-
-
-def changed_inputs(provenance: Mapping[str, Any]) -> list[str]:
-    """Return the names of inputs whose content is another now than when the result was made."""
-    return [
-        Path(entry["path"]).name
-        for entry in provenance.get("inputs", ())
-        if entry["sha256"] is not None
-        and Path(entry["path"]).is_file()
-        and entry["sha256"] != next(_digests(Path(entry["path"])))["sha256"]
-    ]

@@ -4,6 +4,9 @@ from .comparison import Difference as Difference
 from .comparison import comparison_of as comparison_of
 from .html import write_comparison as write_comparison
 from .html import write_report as write_report
+from .provenance import changed_inputs as changed_inputs
+from .provenance import facts_of as facts_of
+from .provenance import provenance_of as provenance_of
 from .text import condition_lines as condition_lines
 from .text import measure_lines as measure_lines
 from .text import short_text as short_text

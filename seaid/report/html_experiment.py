@@ -1,13 +1,9 @@
-"""Data, settings and experiment of a page: logs, known values, versions."""
+"""Data and settings of a page: logs, known values."""
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table, readable
@@ -18,8 +14,6 @@ from seaid.robot import Robot
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
-
-_PACKAGES = ("numpy", "scipy", "pin", "sympy")
 
 
 @dataclass(frozen=True)
@@ -89,27 +83,3 @@ def known_drives(identification: Identification) -> str:
         if drive != IDEAL_DRIVE
     }
     return tomli_w.dumps(drives).rstrip()
-
-
-def package_versions() -> dict[str, str]:
-    """Return the versions of seaid, of Python, and of the packages on which results rest."""
-    from seaid import __version__
-
-    versions = {"seaid": __version__, "python": platform.python_version()}
-    for name in _PACKAGES:
-        with suppress(PackageNotFoundError):
-            versions[name] = version(name)
-    return versions
-
-
-def system_name() -> str:
-    """Return the operating system and the kind of machine."""
-    return f"{platform.system()} {platform.release()} on {platform.machine()}"
-
-
-def versions() -> list[tuple[str, str]]:
-    """Return date, system and versions of packages."""
-    written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-    names = {"python": "Python", "pin": "Pinocchio"}
-    packages = [(names.get(name, name), number) for name, number in package_versions().items()]
-    return [("Written", written), ("System", system_name()), *packages]
