@@ -21,13 +21,7 @@ from seaid.errors import LogError, SeaidWarning, checked
 from seaid.log.channels import quantity_of
 from seaid.log.describe import Description
 from seaid.log.description import Described, LogDescription, description_for
-from seaid.log.log import (
-    WRITTEN,
-    Log,
-    columns_by_joint,
-    unread_columns,
-    write_log,
-)
+from seaid.log.log import WRITTEN, Log, columns_by_joint, unread_columns, write_log
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block
 from seaid.log.repair import FEWEST, Channel, Repair, Repairs, Report
@@ -40,12 +34,7 @@ from seaid.log.repair.clocks import (
     typical_step,
     with_regular_clock,
 )
-from seaid.log.sources import (
-    Selection,
-    completed,
-    of_other_names,
-    selected,
-)
+from seaid.log.sources import Selection, completed, of_other_names, selected
 from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]

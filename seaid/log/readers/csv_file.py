@@ -19,14 +19,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import LogError, listed, shortened
-from seaid.log.readers.table import (
-    Block,
-    Blocks,
-    Table,
-    check_memory,
-    in_pieces,
-    joined,
-)
+from seaid.log.readers.table import Block, Blocks, Table, check_memory, in_pieces, joined
 
 LONGEST_LINE = 1_000_000
 """Most characters of a line of a CSV file: 100 for each of the most columns."""

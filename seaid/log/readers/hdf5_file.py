@@ -11,14 +11,7 @@ from typing import Any
 from seaid._arrays import Array
 from seaid._files import whole_file
 from seaid.errors import LogError, shortened
-from seaid.log.readers.table import (
-    Arrays,
-    Refused,
-    Table,
-    check_columns,
-    optional,
-    table_of_arrays,
-)
+from seaid.log.readers.table import Arrays, Refused, Table, check_columns, optional, table_of_arrays
 
 
 def open_hdf5(path: Path) -> Table:

@@ -8,15 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid._arrays import (
-    Array,
-    BoolArray,
-    IndexArray,
-    is_constant,
-    resolution,
-    runs,
-    white_noise,
-)
+from seaid._arrays import Array, BoolArray, IndexArray, is_constant, resolution, runs, white_noise
 from seaid.errors import LogError
 from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of
 from seaid.log.filtering import low_pass
