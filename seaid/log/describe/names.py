@@ -39,6 +39,9 @@ _RATE = re.compile(
 _BRACKETED = re.compile(r"(.*)([\[(])([^\[\]()]*)[\])]\s*", re.DOTALL)
 _RUN = re.compile(rf"{_RATE.pattern}|(?<![^\W_])(?:[kK]_[pd]|[iI]_q)(?![^\W_])|[^\W_]+|[°%‰]")
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+|[°%‰]")
+_SIGNS = str.maketrans("（）［］【】º", "()[][]°")
+"""Brackets of Asian texts, and the sign that Spanish keyboards have in place of a degree."""
+
 _GREEK = {"θ": "theta", "φ": "phi", "ω": "omega", "τ": "tau", "μ": "u"}
 _DOTS = (
     (re.compile("[qθφ]\N{COMBINING DOT ABOVE}"), "velocity"),
@@ -223,7 +226,7 @@ class _Parts:
 
 def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
     """Return the parts of a name."""
-    head, label, unit = _without_brackets(name)
+    head, label, unit = _without_brackets(name.translate(_SIGNS))
     path = head.split("/") if head.startswith("/") else [head]
     topic, of_topic = _topic(path[1:-1], joints)
     field = _in_latin(path[-1])
@@ -231,7 +234,7 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
     if not label:
         joint, words = _joint_in(words, joints)
     texts = [word.text for word in words]
-    quantity = _quantity(texts)
+    quantity = "time" if _is_clock(words, label, unit) else _quantity(texts)
     # The unit becomes the word of its quantity, so that it does not count for the joint's label.
     if not quantity and (by_unit := _unit_of(words, "", "", joint) or _counts_of(words, unit)):
         quantity = by_unit[0]
@@ -293,6 +296,8 @@ def _side_of(parts: _Parts) -> str:
 def _unit_and_joint(parts: _Parts, quantity: str, side: str, joint: str) -> tuple[Unit | None, str]:
     """Return the unit in brackets if the quantity has it, else that of the words; and the joint."""
     unit = parts.unit
+    if quantity == "temperature" and unit == ("position", "deg"):
+        unit = ("temperature", "degC")
     if unit is None or not _fits(unit, quantity):
         label = unit[1] if unit else ""
         # Brackets with a unit that the quantity cannot have are the label of a joint: "tau[m]".
@@ -347,7 +352,7 @@ def _without_brackets(name: str) -> tuple[str, str, Unit | None]:
     label, unit = "", None
     while match := _BRACKETED.fullmatch(name):
         head, bracket, inside = match.groups()
-        known = known_unit(_in_latin(inside).strip())
+        known = known_unit(_in_latin(inside).strip(" ."))
         share, _, whole = inside.strip().partition(" ")
         if known is not None:
             name, unit = head, known
@@ -431,13 +436,20 @@ def _split(word: str) -> list[str]:
 def _halves() -> re.Pattern[str]:
     """Return the pattern of two known words without a separator, the shortest first word first.
 
-    Words of three letters and more are known in front of a quantity: "motorpos", "istposition". Of
-    single letters only m, l, w and j are: for motor, link, winding and joint.
+    Words of three letters and more are known in front of a quantity, and those of a role behind it:
+    "motorpos", "istposition", "stromistwert". Of single letters only m, l, w and j are: for motor,
+    link, winding and joint.
     """
-    known, quantities = vocabulary().roles["understood"], vocabulary().quantities
-    words = sorted((word for word in known if len(word) > 2), key=len)
-    first, second = ("|".join(map(re.escape, x)) for x in (words, quantities))
-    return re.compile(rf"([mlwj])({second}|d)|({second})([ml])|({first})((?=...)(?:{second}))")
+    roles, quantities = vocabulary().roles, "|".join(map(re.escape, vocabulary().quantities))
+    behind = roles["said"] | roles["commanded"] | roles["derived"] | roles["estimated"]
+    first, last = (
+        "|".join(sorted((re.escape(word) for word in words if len(word) > 2), key=len))
+        for words in (roles["understood"], behind)
+    )
+    long = f"(?=...)(?:{quantities})"
+    return re.compile(
+        rf"([mlwj])({quantities}|d)|({quantities})([ml])|({first})({long})|({long})({last})"
+    )
 
 
 def _quantity(texts: Sequence[str]) -> str:
@@ -458,6 +470,13 @@ def _quantity(texts: Sequence[str]) -> str:
     # `min` returns the first of equal rank: "position" before "torque" in the name is a position.
     ranks = known.tables["ranks"]
     return min(strong or kinds.values(), key=ranks.__getitem__, default="")
+
+
+def _is_clock(words: Sequence[_Word], label: str, unit: Unit | None) -> bool:
+    """Return whether a word of two meanings is the time, alone or with a unit: "temps (s)"."""
+    units = [*(word.unit for word in words[1:]), *filter(None, [unit])]
+    is_of_time = all(x is not None and x[0] == "time" for x in units)
+    return is_of_time and not label and _has([word.text for word in words[:1]], "clock")
 
 
 def _fits(unit: Unit, quantity: str) -> bool:
@@ -597,7 +616,8 @@ def _in_latin(name: str) -> str:
         text = dotted.sub(f" {word} ", text)
     for letter, word in _GREEK.items():
         text = text.replace(letter, f" {word} " if len(word) > 1 else word)
-    text = "".join(letter for letter in text if not unicodedata.combining(letter))
+    # The marks of Latin letters only: those of kana distinguish words.
+    text = re.sub("[\u0300-\u036f]", "", text)
     return _without_blanks().sub(r" \g<0> ", unicodedata.normalize("NFC", text))
 
 
