@@ -90,15 +90,11 @@ def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding
         return
     name, sources = "position_command", first.log.sources()
     lines = {x.joint: {name: changed_source(sources[y.joint][name])} for x, y in pairs[:2]}
-    yield codes.CODES["swapped-joints"].finding(
-        f"the position commands of {first.joint} and {second.joint} are exchanged: each joint "
-        f"follows that of the other one (correlations {crossed:.3f} and {other:.3f})",
-        first.joint,
-        "wrong",
-        {"correlation": min(crossed, other), "correlation as given": max(own)},
-        codes.in_description(lines),
-        "certain",
-    )
+    message = f"the position commands of {first.joint} and {second.joint} are exchanged: each joint"
+    message += f" follows that of the other one (correlations {crossed:.3f} and {other:.3f})"
+    evidence = {"correlation": min(crossed, other), "correlation as given": max(own)}
+    swapped, remedy = codes.CODES["swapped-joints"], codes.in_description(lines)
+    yield swapped.finding(message, first.joint, "wrong", evidence, remedy, "certain")
 
 
 def _asked(robot: Robot, log: Log) -> Array:
@@ -118,7 +114,7 @@ def _controlled_position(log: Log, j: int, ratio: float) -> Array:
 
 
 def _not_following(commanded: Commanded) -> Iterator[Finding]:
-    """Yield a command with another sign or unit than its position: a loop that follows has r = 1.
+    """Yield a command or a position with the sign or unit of the other: a loop follows with r = 1.
 
     Lag and resonance change a range by less than a factor of exp(1/2).
     """
@@ -126,27 +122,39 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
     r = _correlation(command, position)
     if abs(r) < tol.MOST:
         return
-    times = float(np.std(command) / np.std(position))
-    if r < 0:
-        code, factor = codes.CODES["sign"], -1.0
-        words = f"moves against its position (correlation {r:.3f}): it has the opposite sign"
-    elif abs(math.log(times)) >= math.log(tol.FAR):
-        code, per_degree = codes.CODES["unit"], math.pi / 180
-        is_degrees = abs(math.log(times * per_degree)) < tol.MOST
-        factor = float(f"{per_degree if is_degrees else 1 / times:.4g}")
+    name, factor, times = "position_command", -1.0, float(np.std(command) / np.std(position))
+    code, words = codes.CODES["sign"], "moves against its position: it has the opposite sign"
+    if r > 0:
+        if abs(math.log(times)) < math.log(tol.FAR):
+            return
+        code, name = codes.CODES["unit"], _in_another_unit(commanded, times > 1)
+        times, like = (times, "position") if name == "position_command" else (1 / times, "command")
+        is_degrees = abs(math.log(times * math.pi / 180)) < tol.MOST
+        factor = float(f"{math.pi / 180 if is_degrees else 1 / times:.4g}")
         unit = "degrees" if is_degrees else "another unit"
-        words = f"has {times:.4g} times the range of its position: it is in {unit}"
-    else:
-        return
-    source = commanded.log.sources()[joint]["position_command"]
-    yield code.finding(
-        f"the position command of {joint} {words}",
-        joint,
-        "wrong",
-        {"correlation": r, "ratio of the ranges": times},
-        codes.in_description({joint: {"position_command": changed_source(source, factor=factor)}}),
-        "certain",
-    )
+        words = f"has {times:.4g} times the range of its {like}: it is in {unit}"
+    source = changed_source(commanded.log.sources()[joint][name], factor=factor)
+    message = f"the {name.replace('_', ' ')} of {joint} {words} (correlation {r:.3f})"
+    evidence = {"correlation": r, "ratio of the ranges": times}
+    remedy = codes.in_description({joint: {name: source}})
+    yield code.finding(message, joint, "wrong", evidence, remedy, "certain")
+
+
+def _in_another_unit(commanded: Commanded, is_command_larger: bool) -> str:
+    """Return which of a command and its position has another unit than the robot file.
+
+    It is the larger one if it is far beyond the limits of the joint or there are none, else the
+    smaller one. A command whose unit the description states has that unit.
+    """
+    joint, sources = commanded.joint, commanded.log.sources()[commanded.joint]
+    position = next(x for x in ("motor_position", "joint_position") if x in sources)
+    described = [sources[name] for name in ("position_command", position)]
+    stated = [isinstance(source, Mapping) and "unit" in source for source in described]
+    larger = commanded.command if is_command_larger else commanded.position
+    farthest = max(map(abs, commanded.robot.position_range(joint)))
+    is_wrong = math.isinf(farthest) or np.max(np.abs(larger)) > tol.TWICE * farthest
+    is_position = stated == [True, False] or is_wrong != is_command_larger
+    return position if is_position else "position_command"
 
 
 def _repeats(commanded: Commanded) -> Iterator[Finding]:
@@ -318,9 +326,8 @@ def _no_measurement(
 ) -> Iterator[Finding]:
     """Yield a torque or current that is a magnitude, or computed from the tracking error."""
     j, torque = log.joint_names.index(channel.joint), channel.values
-    error = np.full(len(torque), np.nan)
-    if log.position_command is not None:
-        error = log.position_command[:, j] - _controlled_position(log, j, drive.ratio)
+    commands = np.nan if log.position_command is None else log.position_command[:, j]
+    error = commands - _controlled_position(log, j, drive.ratio)
     r, known = abs(_correlation(error, torque)), "20.0  # write the gain of your controller"
     is_magnitude = returns >= tol.EVENTS or _is_folded(error, torque)
     what = "has no sign: it is a magnitude and returns to zero without crossing it"

@@ -66,6 +66,10 @@ def followed(log: seaid.Log) -> seaid.Log:
 WRONG: dict[str, tuple[Callable[[seaid.Log], seaid.Log], str, dict[str, Any]]] = {
     "sign": (lambda log: with_command(log, -CHIRP[:, None]), "sign", {}),
     "degrees": (lambda log: with_command(log, np.rad2deg(CHIRP)[:, None]), "unit", {}),
+    "position in degrees": (
+        lambda log: replace(log, joint_position=np.rad2deg(log.joint_position)),
+        *("unit", {}),
+    ),
     "repeated": (repeated, "delay", {"share of repeated commands": 0.1}),
     "followed too well": (followed, "unidentifiable", {"tracking error over noise": 1.0}),
 }
@@ -81,6 +85,10 @@ def test_a_wrong_command_is_named_and_its_remedy_repairs_it(urdf: Path, name: st
     assert finding.code == code
     assert {key: finding.evidence[key] for key in evidence} == pytest.approx(evidence, rel=0.2)
     if code in ("sign", "unit"):
+        is_of_position = name.startswith("position")
+        assert finding.message.startswith(
+            f"the {'joint position' if is_of_position else 'position c'}"
+        )
         assert wrong_of(robot, described(log, finding.remedy)) == []
 
 
