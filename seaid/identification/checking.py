@@ -110,12 +110,13 @@ def check(
     findings = log_findings(robot, in_memory)
     if any(finding.code == "time-unit" for finding in findings):
         return SetupCheck(merged(findings), FrozenMapping({}, "joint"))
-    groups = datasets_by_log(robot, sources, cutoff_hz)
-    by_log = [list(map(first_motion, group)) for group in groups]
+    by_log = [list(map(first_motion, x)) for x in datasets_by_log(robot, sources, cutoff_hz)]
     experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
     findings = findings_of_setup(experiment, {*robot.joint_names}, findings, in_memory)
     if not is_wrong(findings):
-        findings += _quick_fit_findings(robot, in_memory, motions, findings)
+        # Angles that follow from the torque of a motor show no delay of it.
+        quick = _quick_fit_findings(robot, in_memory, motions, findings)
+        findings += [x for x in quick if x.joint not in unseen]
     joints = joint_checks(experiment, motions, findings)
     return SetupCheck(merged(findings), joints)
 

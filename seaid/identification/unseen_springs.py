@@ -34,7 +34,8 @@ from seaid.log.motion import FEWEST_PERIODS, decimated, reconstruct_motions
 from seaid.log.rows import in_band_at
 from seaid.regressor.load import LoadModel, load_columns, load_model_of
 from seaid.regressor.regression import actuator_columns, spring_regressor
-from seaid.robot import Robot
+from seaid.robot import Robot, at_drives, at_joints
+from seaid.robot.transmission import completed
 from seaid.simulation.plant import torque_jacobians, with_joints
 
 if TYPE_CHECKING:
@@ -60,15 +61,13 @@ _OF_SPRING = ("stiffness", "spring_damping", "spring_offset")
 
 
 def joints_sensed_by_motor_only(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
-    """Return the elastic joints of which each log has the motor side only."""
-    return tuple(
-        joint for joint in robot.elastic_joints if all(_only_motor(log, joint) for log in logs)
-    )
+    """Return the elastic joints of which each log, of all joints, has the motor side only."""
+    if not all({*robot.joint_names} <= {*log.joint_names} for log in logs):
+        return ()
+    return tuple(x for x in robot.elastic_joints if all(_only_motor(log, x) for log in logs))
 
 
 def _only_motor(log: Log, joint: str) -> bool:
-    if joint not in log.joint_names:
-        return False
     place = log.joint_names.index(joint)
     behind = (log.joint_position, log.joint_torque, log.deflection)
     sensed = any(x is not None and np.any(np.isfinite(x[:, place])) for x in behind)
@@ -101,8 +100,7 @@ def with_motor_side_findings(
         if finding.code != "gear-compliance"  # The finding "motor-side" states the same.
         if finding.code != "motor-side" or "unexplained" in finding.evidence
     ]
-    findings = motor_side_findings(tests, antiresonances_hz)
-    return replace(refined, findings=(*others, *findings))
+    return replace(refined, findings=(*others, *motor_side_findings(tests, antiresonances_hz)))
 
 
 def _joint_stiffness(refined: Identification, joint: str) -> float:
@@ -121,11 +119,15 @@ def _antiresonances_hz(
 
 
 def with_rigid_angles(robot: Robot, log: Log, joints: Sequence[str]) -> Log:
-    """Return the log with the motor angles over the gear ratio as joint positions."""
-    position = log.joint_position.copy()
-    for joint in joints:
-        place = log.joint_names.index(joint)
-        position[:, place] = log.motor_position[:, place] / total_ratio(robot.drives[joint])
+    """Return the log with the motor angles over the gear ratio as positions of joints.
+
+    Those of coupled joints follow from the motors of all that have no position: q = C^-1 phi.
+    """
+    position, is_unseen = log.joint_position.copy(), np.isin(robot.joint_names, joints)
+    places = np.array([log.joint_names.index(joint) for joint in robot.joint_names])
+    phi = log.motor_position[:, places] / [total_ratio(x) for x in robot.drives.values()]
+    q = completed(robot.transmission, phi, np.where(is_unseen, np.nan, position[:, places]))
+    position[:, places[is_unseen]] = q[:, is_unseen]
     return replace(log, joint_position=position)
 
 
@@ -165,8 +167,9 @@ def cutoff_of(
 class UnseenLoads:
     """A motion, and the torques that (7) gives on the loads of joints without a sensor there.
 
-    `joints` are their places; `torque` (T, joints) is that without friction, from which `friction`
-    (T, joints, f) times its parameters is subtracted. The cutoff of the motion is the band of the
+    `joints` are their places, `moves` (n, joints) what of C^-1 turns joints with their drives;
+    `torque` (T, joints) is that without friction, from which `friction` (T, joints, f) times its
+    parameters is subtracted. The cutoff of the motion is the band of the
     regression, a part of the cutoff of the log (`_BANDS`), below which the rows are filtered. Both
     are smoothed below twice this band: that low pass has a gain of 0.94 at the end of the band, and
     removes the noise above it, which two derivatives of the joint positions would enlarge.
@@ -174,18 +177,19 @@ class UnseenLoads:
 
     motion: Motion
     joints: list[int]
+    moves: Array
     torque: Array
     friction: Array
 
     def moved(self, compliance: Array, friction: Array) -> Motion:
         """Return the motion with the joint positions of (7) and (4b), below twice the band."""
-        motion, q = self.motion, self.motion.joint_position.copy()
-        # (4b): q = theta_M / N_t - c tau_L with c = 1 / (k r_L^2); the positions are rigid so far,
-        # q = theta_M / N_t.
-        q[:, self.joints] -= compliance * (self.torque - self.friction @ friction)
+        motion, moved = self.motion, np.flatnonzero(np.any(self.moves != 0, axis=1)).tolist()
+        # (4b): phi = theta_M / N_t - c tau_L with c = 1 / (k r_L^2), and q = C^-1 phi; the
+        # positions are rigid so far, phi = theta_M / N_t.
+        stretch = compliance * (self.torque - self.friction @ friction)
+        q = motion.joint_position - stretch @ self.moves.T
         q = low_pass(q, motion.rate_hz, 2 * motion.cutoff_hz)
-        states = spline_derivatives(motion.time, q[:, self.joints])
-        return with_joints(motion, self.joints, states)
+        return with_joints(motion, moved, spline_derivatives(motion.time, q[:, moved]))
 
 
 def _unseen_loads(robot: Robot, motion: Motion, joints: Sequence[str]) -> UnseenLoads:
@@ -206,7 +210,8 @@ def _unseen_loads(robot: Robot, motion: Motion, joints: Sequence[str]) -> Unseen
     smooth = low_pass(whole.reshape(len(whole), -1), motion.rate_hz, 2 * motion.cutoff_hz)[::few]
     smooth = smooth.reshape(-1, *whole.shape[1:])
     places = list(map(robot.index, joints))
-    return UnseenLoads(decimated(motion, few), places, smooth[:, :, 0], smooth[:, :, 1:])
+    moves = at_joints(robot.transmission, np.eye(robot.n)[places]).T
+    return UnseenLoads(decimated(motion, few), places, moves, smooth[:, :, 0], smooth[:, :, 1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,8 +229,8 @@ class MotorRegression:
 
     def best_compliance(self, band_hz: float) -> Array:
         """Return the compliances (joints,) of least misfit, from antiresonances about a band."""
-        torque = np.concatenate([load.torque for load in self.loads])
-        motion = [load.motion.joint_acceleration[:, load.joints] for load in self.loads]
+        C, torque = self.robot.transmission, np.concatenate([load.torque for load in self.loads])
+        motion = [at_drives(C, x.motion.joint_acceleration)[:, x.joints] for x in self.loads]
         # The apparent inertia J is rms torque over rms acceleration; the antiresonance is
         # w_a = sqrt(1 / (c J)), so that c = 1 / (J w_a^2).
         inertia = np.sqrt(np.mean(torque**2, axis=0) / np.mean(np.concatenate(motion) ** 2, axis=0))
@@ -307,8 +312,8 @@ def starts_by_regression(
 
     The starts with the least misfit come first.
     """
-    bands = (part * cutoff_hz for part in _BANDS)
-    starts = successes(partial(_start_by_regression, robot, logs, joints, x) for x in bands)
+    start = partial(_start_by_regression, robot, logs, joints)
+    starts = successes(partial(start, part * cutoff_hz) for part in _BANDS)
     return [filled for _, filled in sorted(starts, key=lambda start: start[0])]
 
 
@@ -322,9 +327,8 @@ def _start_by_regression(
     rigid = [with_rigid_angles(robot, log, joints) for log in logs]
     grouped = [reconstruct_motions(robot, log, band_hz) for log in rigid]
     loads = [[_unseen_loads(robot, motion, joints) for motion in group] for group in grouped]
-    every = list(chain(*loads))
-    model = _model_of_torques(robot, [load.motion for load in every], joints)
-    regression = MotorRegression(robot, joints, every, model)
+    model = _model_of_torques(robot, [load.motion for load in chain(*loads)], joints)
+    regression = MotorRegression(robot, joints, [*chain(*loads)], model)
     compliance = regression.best_compliance(band_hz)
     misfit, friction = regression.fit(compliance)
     moved = [[load.moved(compliance, friction) for load in group] for group in loads]
@@ -359,8 +363,8 @@ def hidden_spring_findings(
     refined: Identification, joints: Sequence[str], rate_hz: float
 ) -> list[Finding]:
     """Return findings of what hides the springs of joints from motors, in logs with a rate."""
-    drives = {joint: refined.drive_side[joint] for joint in joints}
-    springs = {x: (y.value("stiffness"), y.standard_error("stiffness")) for x, y in drives.items()}
+    drives = ((joint, refined.drive_side[joint]) for joint in joints)
+    springs = {x: (y.value("stiffness"), y.standard_error("stiffness")) for x, y in drives}
     rates_hz = _antiresonances_hz(refined, refined.motions[0], joints)
     fits = {joint: refined.joint_fits[joint].own for joint in joints if joint in refined.joint_fits}
     hidden = hidden_springs(springs, rates_hz, refined.cutoff_hz, (rate_hz, SAMPLES))

@@ -96,6 +96,15 @@ def at_joints(matrix: Array, states: Array) -> Array:
     return _mapped(matrix, states, lambda block: _inverse(block).T)
 
 
+def completed(matrix: Array, drives: Array, joints: Array) -> Array:
+    """Return joint positions (T, n) whose unknown ones, NaN, follow from those of their drives."""
+    unknown, q = np.isnan(joints[0]), np.nan_to_num(joints)
+    # C q = phi, solved for the unknown joints; a drive without an encoder turns none of them.
+    rest = np.nan_to_num(drives - at_drives(matrix, q))[:, unknown]
+    q[:, unknown] = rest @ safely(np.linalg.inv, matrix[np.ix_(unknown, unknown)], what="joints").T
+    return q
+
+
 def torques_at_drives(matrix: Array, torques: Array) -> Array:
     """Return tau_phi = C^-T tau of joint torques (..., n)."""
     return _mapped(matrix, torques, _inverse)

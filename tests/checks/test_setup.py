@@ -56,6 +56,7 @@ from tests.mistakes import CASES as SPRUNG
 from tests.mistakes import lines_of, of_joint, with_channels
 from tests.plants import body, log_with, write_robot
 from tests.representatives import quick_first, quick_only
+from tests.robot import test_transmission as transmissions
 
 
 def the_mistake(robot: Robot, log: Log) -> Finding:
@@ -803,3 +804,13 @@ def test_a_linkage_is_measured_where_the_rotor_is_unknown() -> None:
     assert table["gear_ratio"] == pytest.approx(drive.ratio, rel=0.02)
     assert table["angle_ratio"]["cos"] == pytest.approx([0.0], abs=0.03)
     assert table["angle_ratio"]["sin"] == pytest.approx([0.3], abs=0.03)
+
+
+@pytest.mark.parametrize("name", quick_first(["elastic differential", "mixed differential"]))
+def test_coupled_motors_without_encoders_of_their_joints_are_no_loose_encoders(name: str) -> None:
+    """The angle behind a spring is that of all motors: q = C^-1 (theta / N - deflection)."""
+    case = transmissions.case_of(name)
+    log = transmissions.log_of(case, torque=2e-3, angle=2e-5, duration=10.0)
+    log = replace(log, joint_position=np.full_like(log.joint_position, np.nan))
+    warnings = seaid.check(case.robot, log).warnings
+    assert [finding for finding in warnings if finding.severity != "note"] == []
