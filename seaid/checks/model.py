@@ -22,7 +22,7 @@ from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG, SURE
-from seaid.checks.values import drive_findings, noise_findings, offset_findings
+from seaid.checks.values import drive_findings, noise_findings, sure_offsets
 from seaid.drives import PARAMETERS_OF, ParameterName, readable
 from seaid.drives.drives import term_fields
 from seaid.errors import Finding, SeaidError, by_severity, listed
@@ -182,8 +182,8 @@ class SideSelection:
             findings += drive_findings(joint, estimate, fitted.qr_factor)
         for joint, of_joint in estimate.by_owner().items():
             findings += drive_findings(joint, of_joint) if joint in self.side.joints else []
-        findings += offset_findings(self.side.robot, fitted)
-        return {(finding.code, finding.joint) for finding in findings}
+        offsets = {("torque-offset", joint) for joint in sure_offsets(fitted.estimate.by_owner())}
+        return offsets | {(finding.code, finding.joint) for finding in findings}
 
 
 def _with_effect(side: Side, finding: Finding, accepted: Sequence[engine.Accepted]) -> Finding:

@@ -15,15 +15,8 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Code, Sources, consequences, in_drives, only_joint
-from seaid.drives import (
-    DEAD_ZONES,
-    PARAMETERS,
-    Drive,
-    ParameterName,
-    readable,
-    total_ratio,
-    unit_of,
-)
+from seaid.checks.experiment import Experiment
+from seaid.drives import DEAD_ZONES, PARAMETERS, Drive, ParameterName, readable, unit_of
 from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation import Diagnostics, Estimate, FittedRows, SharedParameter, nearest
@@ -380,24 +373,36 @@ def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
         )
 
 
-def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
-    """Yield the constant errors of motor torques on springs that the load side has as columns."""
-    estimate, qr_factor = load.estimate, load.qr_factor
-    sizes = np.linalg.norm(qr_factor.factors[:, :, -1], axis=1) / np.sqrt(qr_factor.counts)
-    for place, name in enumerate(estimate.names):
-        if name.quantity != "torque_offset":
-            continue
-        value, error = float(estimate.values[place]), float(estimate.standard_errors[place])
+def sure_offsets(drives: Mapping[str, Estimate]) -> dict[str, tuple[float, float]]:
+    """Return {joint: constant error of its motor torque and standard error} of what is no chance.
+
+    Of springs the load side has a column of it. `drives` are the estimates by joint.
+    """
+    offsets = {}
+    for joint, estimate in drives.items():
+        if "torque_offset" in estimate.names:
+            lower, upper = estimate.interval(tol.NO_CHANCE)[estimate.names.index("torque_offset")]
+            if not lower <= 0 <= upper:
+                errors = estimate.value("torque_offset"), estimate.standard_error("torque_offset")
+                offsets[joint] = errors
+    return offsets
+
+
+def offset_findings(drives: Mapping[str, Estimate], experiment: Experiment) -> Iterator[Finding]:
+    """Yield the constant errors of motor torques that matter next to the torque on the spring.
+
+    That is the whole torque, of known bodies too. So `drives` have the errors of what was given.
+    """
+    for joint, (value, error) in sure_offsets(drives).items():
+        j = experiment.robot.index(joint)
         # The rms torque on the load, divided by N r_L / r_M: that at the motor.
-        size = sizes[qr_factor.equations.index(robot.index(name.owner))]
-        torque = float(size / total_ratio(robot.drives[name.owner]))
-        lower, upper = estimate.interval(tol.NO_CHANCE)[place]
-        if not lower <= 0 <= upper and abs(value) >= tol.FEW * torque:
+        torque = float(np.sqrt(np.mean(experiment.target[:, j] ** 2)) / experiment.lever[j])
+        if not abs(value) < tol.FEW * torque:
             yield CODES["torque-offset"].finding(
-                f"the motor torque of {name.owner} has a constant error of {value:.2g} N m "
-                f"({value / torque:.0%} of the torque on its spring at the motor), which the "
+                f"the motor torque of {joint} has a constant error of {value:.2g} N m "
+                f"({abs(value) / torque:.0%} of the torque on its spring at the motor), which the "
                 "estimates allow for",
-                name.owner,
+                joint,
                 "doubtful" if abs(value) > tol.RARE * torque else "note",
                 {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
             )

@@ -62,26 +62,27 @@ def conclude(problem: Problem, name: str) -> Identification:
     """Return the identification of a condition, with what its values and the checks show."""
     case, options, estimate = problem.cases[name], problem.options, problem.estimates[name]
     is_only, cutoff_hz = problem.only is not None, case.datasets[0].cutoff_hz
+    final = problem.with_errors_of_constants[name]
     findings = _setup_findings(problem, name)
     factors = None if is_only else motor_factors(problem.fits, name)
     values = value_findings(estimate, case.nominal, case.robot, factors)
+    with guarded(CODES["torque-offset"], values):
+        values += offset_findings(final.drives, case.experiment)
     weak = {finding.joint for finding in values if finding.code == "weak-spring"}
     # A term that the equations lack changes the values: what it explains is no finding of them.
     lacking = problem.lacking
     with guarded(CODES["missing-term"], findings):
         values, lacking = without_echoes(values, lacking, cutoff_hz)
         findings += consequences(findings, model_findings(lacking, findings))
-    # Cutoffs are compared by the noise of the logs alone, so that this comes before the estimate
-    # with the errors of constants.
+    # Cutoffs are compared by the noise of the logs alone, without the errors of constants.
     if is_only and not is_wrong(findings):
         with guarded(CODES["cutoff-sensitive"], findings):
             two_step = problem.two_step[name]
             findings += sensitivity_findings(case, two_step, options.estimator)
     result = _identification(problem, name)
-    estimate = problem.with_errors_of_constants[name]
     with guarded(CODES["drives-differ"], values):
-        values += shared_findings(estimate.shared)
-    values += [*estimate.findings, *result.findings]
+        values += shared_findings(final.shared)
+    values += [*final.findings, *result.findings]
     # The fit is judged without the findings of the values, which are no causes of it.
     fit = replace(_two_step_fit(problem, name, lacking), weak=weak)
     result = _with_fit_quality(problem, name, result, findings, fit)
@@ -236,8 +237,6 @@ def value_findings(
             if joint in sides.actuators:
                 findings += noise_findings(sides.actuators[joint].estimate)
             findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
-    with guarded(CODES["torque-offset"], findings):
-        findings += offset_findings(robot, sides.fit)
     with guarded(CODES["drift"], findings):
         findings += noise_findings(sides.load)
     return findings

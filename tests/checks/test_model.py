@@ -17,6 +17,7 @@ from seaid._arrays import Array, FrozenMapping
 from seaid.checks import CODES
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import Accepted, Alternative, Candidate, Equation, ModelComparison, Trial
+from seaid.checks.experiment import moved
 from seaid.checks.values import drive_findings
 from seaid.drives import drive_table
 from seaid.drives.drives import DefaultTerms
@@ -581,3 +582,20 @@ def test_a_cold_and_a_warm_log_are_named_by_their_friction_and_repaired(
     conditions = {f"log {k}": (robot, [log]) for k, log in enumerate(logs)}
     together = seaid.identify_conditions(conditions, condition_specific=specific)
     assert {x.verdict.level for x in together.identifications.values()} == {"good"}
+
+
+@pytest.mark.parametrize("std", quick_first([0.1, 0.0]))
+def test_an_error_of_known_bodies_is_no_constant_error_of_a_torque(std: float) -> None:
+    """It was 80 % of the torque that known bodies leave; next to all of it, it is little."""
+    robot = leg(TEST_MASS)
+    bodies = robot.parameters.reshape(-1, 10).copy()
+    for place in (
+        3,
+        4,
+    ):  # the centres of the shank and the foot are 1 cm off
+        bodies[place] += 0.01 * moved(bodies[place, 0], bodies[place, 1:4])[:, 2]
+    robot = robot.with_values(bodies.ravel(), robot.drives)
+    robot = replace(robot, known_bodies=("shank", "foot"))
+    found = identify(robot, leg_log(3), cutoff_hz=4.0, known_std={"bodies": std} if std else {})
+    offsets = [x.severity for x in found.warnings if x.code == "torque-offset"]
+    assert offsets == ([] if std else ["note"])
