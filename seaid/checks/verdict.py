@@ -162,6 +162,23 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
     return Verdict("good", sentence + but * bool(unknown), joints)
 
 
+def not_validated(
+    is_validated: bool, reasons: Iterable[str], own: Iterable[str]
+) -> Iterator[Finding]:
+    """Yield what a result was not validated on: other motions at all, and logs that were named.
+
+    `reasons` are why some of these were not used, `own` the names of those that it was fitted to.
+    """
+    code = CODES["not-validated"]
+    used = (f"the {name} is of a motion that was used for identification" for name in own)
+    yield from map(code.finding, (*reasons, *used))
+    if not is_validated:
+        yield code.note(
+            "not validated on an unseen motion: how well the model fits its own motion says little "
+            "about how well it predicts another"
+        )
+
+
 def _of_severity(severity: Severity, findings: Iterable[Finding]) -> list[Finding]:
     return [finding for finding in findings if finding.severity == severity]
 

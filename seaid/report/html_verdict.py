@@ -18,6 +18,7 @@ from seaid._progress import counted
 from seaid.checks.channels import excluded_instants
 from seaid.checks.tolerances import POOR
 from seaid.checks.values import inconsistent_bodies, regression_notes
+from seaid.checks.verdict import not_validated
 from seaid.drives import PARAMETERS_OF, Drive
 from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import SEVERITIES, Finding, Severity
@@ -33,12 +34,6 @@ if TYPE_CHECKING:
     from seaid.report.html_traces import Run
     from seaid.robot import Robot
     from seaid.simulation import ReplayComparison
-
-
-NOT_VALIDATED = (
-    "Not validated on an unseen motion: how well the model fits its own motion says little about "
-    "how well it predicts another."
-)
 
 
 @dataclass(frozen=True)
@@ -137,8 +132,7 @@ def notices_of(
         *result.warnings,
         *(finding for run in runs for finding in run.result.warnings),
         *(finding for replay in replays for finding in replay.warnings),
-        *(Finding("not-validated", text, severity="doubtful") for text in notes),
-        *_about_validations(runs),
+        *_about_validations(runs, notes),
         *_notes(result),
     ]
     together: dict[tuple[str, ...], Notice] = {}
@@ -162,13 +156,9 @@ def _notice(finding: Finding) -> Notice:
     )
 
 
-def _about_validations(runs: Sequence[Run]) -> Iterator[Finding]:
-    if not any(run.is_unseen for run in runs):
-        yield Finding("not-validated", NOT_VALIDATED, severity="note")
-    for run in runs:
-        if not run.is_unseen and run.name.startswith("validation"):
-            message = f"the {run.name} is of a motion that was used for identification"
-            yield Finding("not-validated", message, severity="doubtful")
+def _about_validations(runs: Sequence[Run], reasons: Sequence[str]) -> Iterator[Finding]:
+    own = [run.name for run in runs if not run.is_unseen and run.name.startswith("validation")]
+    return not_validated(any(run.is_unseen for run in runs), reasons, own)
 
 
 def _notes(result: Identification) -> Iterator[Finding]:

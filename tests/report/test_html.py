@@ -29,7 +29,6 @@ from seaid.report.html_experiment import known_drives
 from seaid.report.html_traces import Run, axis_time
 from seaid.report.html_verdict import (
     NO_BODIES,
-    NOT_VALIDATED,
     before_and_after,
     nominal_values,
     notices_of,
@@ -310,7 +309,7 @@ def test_a_motion_that_was_used_is_no_validation(tmp_path: Path) -> None:
     found = arm_found()
     page = page_of(tmp_path, found, [])
     assert "Own motion, not validated" in page.words
-    assert NOT_VALIDATED in page.words
+    assert "Not validated on an unseen motion" in page.words
     own = compared(found, found.motions[0])
     said = [one for one in notices_of(found, runs_of(found, [own])) if "validated" in one.subject]
     assert [one.severity for one in said] == ["doubtful", "note"]
