@@ -715,13 +715,14 @@ def _zero_is_off(
 ) -> Finding | None:
     """Return the finding of a joint whose zero is not that of the robot file.
 
-    An angle beyond a turn, or one that is not determined, stands for something else. Known bodies
-    whose centres of mass lie in another direction have the same torque.
+    An angle beyond a turn, or one that is not determined, stands for something else: over an
+    interval beyond half a radian, 5 standard errors of a tenth, torques are not linear in it. Known
+    bodies whose centres of mass lie in another direction have the same torque.
     """
     (offset,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
     if abs(offset) > tol.SURE * side.offset_std:  # else its effect is linear, and in the errors
         offset, error = _searched_zero(side, joint)
-    if abs(offset) > np.pi or abs(offset) < tol.SIGNIFICANT * error:
+    if abs(offset) > np.pi or abs(offset) < tol.SIGNIFICANT * error or error > tol.POOR:
         return None
     is_known, rival = bool(side.robot.known_bodies), ", or centres of known bodies are off as much"
     is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * is_known)

@@ -6,6 +6,7 @@ from functools import cache, partial
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 import seaid
 from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
-from seaid.checks import CODES
+from seaid.checks import CODES, gears
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import Accepted, Alternative, Candidate, Equation, ModelComparison, Trial
 from seaid.checks.experiment import moved
@@ -599,3 +600,18 @@ def test_an_error_of_known_bodies_is_no_constant_error_of_a_torque(std: float) -
     found = identify(robot, leg_log(3), cutoff_hz=4.0, known_std={"bodies": std} if std else {})
     offsets = [x.severity for x in found.warnings if x.code == "torque-offset"]
     assert offsets == ([] if std else ["note"])
+
+
+@pytest.mark.parametrize(
+    ("angle", "error", "is_named"),
+    [(0.2, 0.01, True), (2.6, 0.3, False), (0.9, 0.12, False)],
+)
+def test_a_zero_that_the_torque_does_not_determine_is_no_finding(
+    angle: float, error: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a light load with play 150 +- 17 degrees were a zero, 9 standard errors from none."""
+    monkeypatch.setattr(gears, "_searched_zero", lambda *_: (angle, error))
+    side: Any = SimpleNamespace(robot=leg(), offset_std=0.0, sources={})
+    accepted: Any = [SimpleNamespace(coefficients=np.array([1.0]), errors=np.array([0.1]))]
+    finding = gears._zero_is_off(side, "knee_pitch", accepted, 0.5)
+    assert (finding is not None) == is_named
