@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, compress
+from itertools import chain, combinations, compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,9 +52,10 @@ BASE_SENSOR = CODES["base-sensor"]
 LOCKED_OUTPUT = CODES["locked-output"]
 NO_TORQUE = CODES["no-torque"]
 
-FRAMES_HZ, BASE_TURNS_RAD_S = 5.0, 0.05
+FRAMES_HZ, BASE_TURNS_RAD_S, BASE_MOVES_M_S = 5.0, 0.05, 0.02
 """Low pass [Hz] behind which rates of a base are compared, in which 0.1 degrees of noise of an
-orientation are a tenth of the rate (rms) [rad/s] from which a base turns."""
+orientation are a tenth of the rate (rms) [rad/s] from which a base turns, and 0.1 mm of noise of a
+position a tenth of that [m/s] from which it moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,40 +143,75 @@ def _out_of_plane(base: FloatingBase, normal: Array, w: Array) -> Iterator[Findi
 
 def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
     """Yield the order, frame or unit that makes the gyroscope the change of the orientation."""
-    rate_hz = (len(time) - 1) / float(time[-1] - time[0])
-    band_hz = min(FRAMES_HZ, 0.4 * rate_hz)
-    # Both behind one low pass: what it attenuates is no misfit between them.
-    w, orientation = (low_pass(x, rate_hz, band_hz) for x in (w, orientation))
+    w, orientation = _slow(time, w, orientation)
     change = quaternion_rates(orientation, time)
     if float(np.std(change)) < BASE_TURNS_RAD_S:
         return
-    w_in_base = turned_to_world(orientation, w, back=True)
+    w_in_base, back = turned_to_world(orientation, w, back=True), orientation * [1, -1, -1, -1]
     # A quaternion is w, x, y, z in memory: one that was read in the other order is permuted back.
     readings = {
         'angular_velocity is in the frame of the world: frame = "world"': (orientation, w_in_base),
         'the quaternion is x, y, z, w: order = "xyzw"': (orientation[:, [3, 0, 1, 2]], w),
         'the quaternion is w, x, y, z: order = "wxyz"': (orientation[:, [1, 2, 3, 0]], w),
-        "the quaternion turns from the world to the base: change the signs of x, y, z": (
-            orientation * [1, -1, -1, -1],
-            w,
-        ),
+        "the quaternion turns from the world to the base: change the signs of x, y, z": (back, w),
     }
-    misfit = 1 - _correlation(change, w)
-    misfits = {
-        text: 1 - _correlation(quaternion_rates(turns, time), rates)
-        for text, (turns, rates) in readings.items()
-    }
+    rates = {text: (quaternion_rates(turns, time), x) for text, (turns, x) in readings.items()}
+    degrees = ("is in degrees per second", "0.0174533")
+    yield from _misread(("angular_velocity", "orientation"), (change, w), rates, degrees)
+
+
+def _moving(record: BaseRecord) -> Iterator[Finding]:
+    """Yield the sign, axes, frame or unit that makes the velocity the change of the position."""
+    samples, time = record.samples, record.time
+    if samples.velocity is None or samples.position is None:
+        return
+    v, position = _slow(time, samples.velocity, samples.position)
+    change = np.gradient(position, time, axis=0)
+    if float(np.std(change)) < BASE_MOVES_M_S:
+        return
+    # A planar base has no velocity along its normal.
+    axes = np.flatnonzero(np.any(v != 0, axis=0)).tolist()
+    readings = {"its sign: scale = -1": (change, -v)}
+    for pair in combinations(axes, 2):
+        order = np.arange(3)
+        order[[*pair]] = pair[::-1]
+        readings[f"{'xyz'[pair[0]]} and {'xyz'[pair[1]]} are exchanged"] = change, v[:, order]
+    if samples.orientation is not None:
+        readings['its frame: frame = "base"'] = change, turned_to_world(samples.orientation, v)
+    yield from _misread(("velocity", "position"), (change, v), readings, ("is in mm/s", "0.001"))
+
+
+def _slow(time: Array, *signals: Array) -> Iterator[Array]:
+    """Yield signals (T, k) behind one low pass: what it attenuates is no misfit between them."""
+    rate_hz = (len(time) - 1) / float(time[-1] - time[0])
+    return (low_pass(x, rate_hz, min(FRAMES_HZ, 0.4 * rate_hz)) for x in signals)
+
+
+_Rates = tuple[Array, Array]
+
+
+def _misread(
+    names: tuple[str, str], rates: _Rates, readings: Mapping[str, _Rates], unit: tuple[str, str]
+) -> Iterator[Finding]:
+    """Yield how a quantity has to be read that is not the change of another one.
+
+    `names` are those of both, `rates` this change and the quantity, `readings` {text: both as they
+    may be meant}, and `unit` the words and the scale of another unit.
+    """
+    misfit = 1 - _correlation(*rates)
+    misfits = {text: 1 - _correlation(*pair) for text, pair in readings.items()}
     best = min(misfits, key=misfits.__getitem__)
-    text, remedy = "contradicts the orientation: order, frame, or times are others", _BY_SAMPLES
+    text, remedy = f"contradicts the {names[1]}: order, frame, or times are others", _BY_SAMPLES
     if misfit > NEGLIGIBLE and MANY_TIMES * misfits[best] < misfit:
-        text = f"contradicts the orientation: {best}"
+        text = f"contradicts the {names[1]}: {best}"
     elif misfit <= MOST:
-        text, remedy = "is in degrees per second", _described("angular_velocity", "0.0174533")
-        # change = s w by least squares has s = pi / 180 for a gyroscope in degrees per second.
-        if abs(np.sum(change * w) / np.sum(w * w) / np.radians(1.0) - 1) >= RARE:
+        text, remedy = unit[0], _described(names[0], unit[1])
+        # change = s v by least squares has the scale s of the other unit
+        scale = np.sum(rates[0] * rates[1]) / np.sum(rates[1] ** 2)
+        if abs(scale / float(unit[1]) - 1) >= RARE:
             return
-    text, evidence = f"the angular velocity {text}", {"correlation": 1 - misfit}
-    yield BASE_FRAMES.wrong(text, evidence=evidence, remedy=remedy)
+    text = f"the {names[0].replace('_', ' ')} {text}"
+    yield BASE_FRAMES.wrong(text, evidence={"correlation": 1 - misfit}, remedy=remedy)
 
 
 def turned_to_world(orientation: Array, vectors: Array, *, back: bool = False) -> Array:
@@ -207,6 +243,7 @@ def _correlation(x: Array, y: Array) -> float:
 _RECORD_CHECKS = (
     Observation(BASE_SENSOR, _missing_axes),
     Observation(BASE_FRAMES, _contradicting_frames),
+    Observation(BASE_FRAMES, _moving),
     Observation(BASE_JUMPS, _jumps),
 )
 

@@ -298,12 +298,7 @@ def _body_rows(
 
 
 def contact_force_rows(
-    robot: Robot,
-    motion: Motion,
-    model: LoadModel,
-    springs: Springs,
-    theta: Array,
-    bodies: Array,
+    robot: Robot, motion: Motion, model: LoadModel, springs: Springs, theta: Array, bodies: Array
 ) -> tuple[Array, BoolArray]:
     """Return the generalised forces (T, 6 + k) that contacts balance, and unknown rows (T, k).
 

@@ -1,5 +1,6 @@
 """A robot whose base a boom guides in a plane: two legs that sway, in MuJoCo."""
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ from scipy.interpolate import make_interp_spline
 import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
+from seaid.checks.codes import observed
 from seaid.errors import SeaidError
+from seaid.legged.base import _RECORD_CHECKS, BaseRecord
 from seaid.legged.floating import floating_regressor, floating_rows, planar_rotations
 from seaid.log import BaseLog
 from seaid.log.filtering import spline_derivatives
@@ -415,3 +418,35 @@ def test_equations_of_a_base_have_no_force_of_a_guide_that_holds_it(
     np.testing.assert_allclose(found.load.values, truth, atol=0.02 * np.max(np.abs(truth)))
     scores = (found.load.values - truth) / found.load.standard_errors
     assert np.sqrt(np.mean(scores**2)) < 2.0
+
+
+MISREAD: dict[str, tuple[Callable[[Array], Array], str]] = {
+    "right": (lambda v: v, ""),
+    "opposite": (lambda v: -v, "its sign: scale = -1"),
+    "mm": (lambda v: 1000 * v, "is in mm/s"),
+    "exchanged": (lambda v: v[:, [2, 1, 0]], "x and z are exchanged"),
+}
+
+
+@pytest.mark.parametrize("plane", ["planar_xz", "floating"])
+@pytest.mark.parametrize("what", MISREAD)
+def test_a_velocity_is_the_change_of_the_position(folder: Path, plane: Any, what: str) -> None:
+    """It was silent in a plane: the velocity alone gives the acceleration of the base."""
+    base = seaid.load_robot(folder / "hopper.urdf", base=plane).floating_base
+    assert base is not None
+    time, rng = np.arange(0.0, 10.0, 0.004), np.random.default_rng(0)
+    shift = np.array([0.05, 0.04 * (plane == "floating"), 0.03])
+    rates = 2 * np.pi * np.array([0.7, 0.5, 1.2])
+    position = shift * np.sin(time[:, None] * rates)
+    velocity = shift * rates * np.cos(time[:, None] * rates)
+    angle = 0.3 * np.sin(3.0 * time)
+    turned = np.column_stack([np.cos(angle / 2), 0 * angle, np.sin(angle / 2), 0 * angle])
+    change, text = MISREAD[what]
+    log = BaseLog(
+        orientation=turned,
+        position=position + 1e-4 * rng.normal(size=position.shape) * (shift > 0),
+        velocity=change(velocity),
+    )
+    found = observed(_RECORD_CHECKS, BaseRecord(log, time, base))
+    assert [x.code for x in found] == ["base-frames"] * (what != "right")
+    assert all(text in x.message for x in found)
