@@ -514,7 +514,7 @@ def offset_findings(experiment: Experiment) -> Iterator[Finding]:
         x = scaled_svd(H).solve(y)
         size = float(np.std(H[:, len(logs) :] @ x[len(logs) :]))
         least = tol.POOR * size if drive.is_elastic else tol.LEAST_OFFSET
-        beyond = least + tol.MATERIAL * float(np.std(y - H @ x))
+        beyond = least + tol.TWICE * float(np.std(y - H @ x))
         for number, change in enumerate((x[1 : len(logs)] - x[0]).tolist(), 2):
             if abs(change) > beyond:
                 yield _offset(experiment, j, number, change, size)

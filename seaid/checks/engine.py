@@ -25,7 +25,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
-from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, NEGLIGIBLE
+from seaid.checks.tolerances import CONFIDENCE, NEGLIGIBLE, SLIGHT
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
@@ -98,7 +98,7 @@ class ModelComparison:
         significantly: by a t test (one-sided, `CONFIDENCE`) that one block cannot decide. The part
         is that of all rows of the fit.
         """
-        return self.explained > LEAST_EXPLAINED and self.is_better
+        return self.explained > SLIGHT and self.is_better
 
     @property
     def is_better(self) -> bool:
@@ -221,7 +221,7 @@ class _SharedModel:
         part = equation.squares(acts) / max(equation.squares(), 1e-300)
         share = explained / max(part, 1e-300)
         # Not counted otherwise: a share this small is never supported, whatever its criterion.
-        if in_full or share > LEAST_EXPLAINED:
+        if in_full or share > SLIGHT:
             columns = self.rest[:, [*self.columns_of(model)]]
             count = _independent_rows(equation.rows, columns, self.rest[:, -1])
         # With n independent rows and n' = n - p - k: n' log(RSS_0 / RSS) - k log n - 2 log(asked).
@@ -229,7 +229,7 @@ class _SharedModel:
         penalty = model.parameters * math.log(count) + 2 * math.log(max(asked, 1))
         bic = freedom * math.log(max(rss_ratio, 1e-300)) - penalty  # Chen and Chen 2008
         without = within = np.zeros(len(self.factors))
-        if least_bic is None or (bic > least_bic and share > LEAST_EXPLAINED):
+        if least_bic is None or (bic > least_bic and share > SLIGHT):
             without, within = self.without, _squares(*self.blocks, self.places_of(model))
         # F = ((RSS_0 - RSS) / k) / (RSS / n')
         F = freedom / model.parameters * max(rss_ratio - 1, 0.0)
@@ -383,7 +383,7 @@ def best_trial(trials: Iterable[Trial]) -> Trial | None:
     goes, of the rows on which they act: a joint's own part is small among many joints.
     """
     compared = {trial: trial.comparison for trial in trials}
-    better = (trial for trial, x in compared.items() if x.share > LEAST_EXPLAINED and x.is_better)
+    better = (trial for trial, x in compared.items() if x.share > SLIGHT and x.is_better)
     return best_of({trial: compared[trial] for trial in better})
 
 
@@ -470,7 +470,7 @@ class Equation:
         # torque, and NEGLIGIBLE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
         needed = (NEGLIGIBLE * min(torques, default=0.0)) ** 2
-        needed = max(LEAST_EXPLAINED * self.squares(rows), needed)
+        needed = max(SLIGHT * self.squares(rows), needed)
         rest[:, np.linalg.norm(rest, axis=0) <= _LOST * np.linalg.norm(whole, axis=0)] = 0.0
         parts = np.split(rest, np.cumsum([part.shape[1] for part in columns])[:-1], axis=1)
         return any(explained_squares(part, self.residual) > needed for part in parts)

@@ -945,7 +945,7 @@ _SCALES = 60
 
 def stands_locked(joint: Array, motor: Array) -> bool:
     """Return whether a joint stands still while its motor moves, both (T,) at the same side."""
-    return bool(np.ptp(joint) < tol.LOCKED * np.ptp(motor))
+    return bool(np.ptp(joint) < tol.HARDLY * np.ptp(motor))
 
 
 def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:

@@ -45,9 +45,10 @@ if TYPE_CHECKING:
     from seaid.checks.columns import Side
 
 
-_ORDERS = {"motor": (1, 2, 3, 4, 6), "joint": (1, 2, 3, 4, 5, 6, 8, 10, 12), "mesh": (1, 2)}
-"""Orders that are tried: turns and poles of the motor, turns of the joint, and the two lobes of
-strain-wave gears. Higher orders of the motor turn faster than a cutoff lets pass."""
+_HIGHEST = {"motor": 6, "joint": 12, "mesh": 2}
+"""Highest orders that are tried, without odd ones above 6: turns and poles of the motor, turns of
+the joint, and the two lobes of strain-wave gears. Higher orders of the motor turn faster than a
+cutoff lets pass."""
 
 
 def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -56,13 +57,13 @@ def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
         return
     drive = side.robot.drives[joint]
     known = {(harmonic.angle, harmonic.order) for harmonic in drive.harmonics}
-    for name, orders in _ORDERS.items():
+    for name, highest in _HIGHEST.items():
         width = max(float(np.ptp(angle)) for angle in _angles(side.drive(joint), name))
         if name == "joint" and drive.joint_units[1] != "rad":
             continue
         if name == "mesh" and width < 2 * np.pi * drive.ratio:  # it has the orders of the motor
             continue
-        for order in orders:
+        for order in (k for k in range(1, highest + 1) if k <= 6 or k % 2 == 0):
             # Less than half a period looks like the spring.
             if (name, order) not in known and order * width >= np.pi:
                 columns = partial(_harmonic, side, joint, name, order)
@@ -608,7 +609,7 @@ def common_delay(selected: Sequence[tuple[Side, engine.Selection]]) -> Finding |
     # The variance of the values over their number is that of their mean.
     scatter = float(np.sqrt(np.average((values - common) ** 2, weights=weights) / len(values)))
     error = float(np.hypot(spread, scatter))
-    if abs(common) < max(tol.SURE_TOGETHER * error, tol.LEAST_DELAY_S):
+    if abs(common) < max(tol.SIGNIFICANT * error, tol.LEAST_DELAY_S):
         return None
     accepted = (x for _, selection in selected for x in selection.accepted)
     shares = [x.share for x in accepted if x.trial.candidate.about.code is codes.CODES["delay"]]

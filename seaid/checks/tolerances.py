@@ -10,11 +10,6 @@ SIGNIFICANT = 5.0
 rests on some 100 correlated instants, right set-ups have at most 4.5
 (`scripts/benchmarks/sensitivity.py`)."""
 
-MATERIAL = 2.0
-"""Stated standard errors of a parameter above which its change matters: below, it is within the
-interval. Half of its square is the gain of a log likelihood below which two poses explain the
-same."""
-
 NEGLIGIBLE = 0.003
 """Error of a torque over its size below which what a model lacks does not matter. The low pass
 leaves 0.22 % of a torque at reversals, at most, in nine logs without noise of the simulated leg and
@@ -42,7 +37,10 @@ BURST, WINDOW_S, RARE, SLIGHT = 6.0, 0.25, 0.2, 0.05
 (rms), unless it does so in more than a part of the windows, or is a slight part of the torque. A
 slight share of some hundred samples shows. Commands that are equal for longer than a window are a
 rest, and not a message that was lost. Turns with another joint are multiples of a slight part, as
-those of pulleys are. A part of a radian that no error of a gear reaches: it would be 3 degrees."""
+those of pulleys are. A part of a radian that no error of a gear reaches: it would be 3 degrees.
+Part of a squared residual that additional parameters must explain to be supported: less is real at
+times and never useful. In right models of a simulated 7-joint arm the smoothing of Coulomb friction
+by the low pass explains 2 to 4 % (`scripts/benchmarks/term_selection.py`)."""
 
 CORRELATED_ROWS, CORRELATED_ERRORS = 4.0, 1.5
 """Rows of a regression per independent one: eight are in a period of the cutoff, which is two
@@ -61,7 +59,8 @@ two channels follow each other."""
 TWICE = 2.0
 """Ratio of two sizes that errors of nominal bodies or of a mounting do not explain: masses by CAD
 are nearer, and the controllers of a measured Go2 gave 1.1 to 1.7 of the torque of its bodies. Of
-variances, the ratio from which parts of the data disagree, or a drift is more than a note."""
+variances, the ratio from which parts of the data disagree, or a drift is more than a note. Stated
+standard errors of a parameter above which its change matters: below, it is within the interval."""
 
 MANY_TIMES = 5.0
 """Multiple of a limit from which a unit, and not the size of a motion, explains it: torques beyond
@@ -82,9 +81,10 @@ FEWEST_INSTANTS = 30
 """Fewest instants of an experiment at which a joint moves: three for each of seven base parameters
 that a body adds and of three columns of friction."""
 
-LOCKED = 0.02
+HARDLY = 0.02
 """Motion of a joint over that of its motor, behind the gear, up to which it counts as locked: it
-shows no gear ratio, and what holds it yields too."""
+shows no gear ratio, and what holds it yields too. Part by which equations without a torque may
+reduce the parameters towards zero."""
 
 LONGEST_M = 20.0
 """Distance [m] between two joints that no robot has, which is that of 2 cm in mm."""
@@ -124,36 +124,16 @@ MOST_ALIKE = 3
 """Joints with warnings of one code that are listed one by one, and half of those that the verdict
 names: fifteen that lack the same are read as one."""
 
-NO_CHANCE = 0.999
-"""Level of the interval that excludes zero if an error of a channel is none by chance."""
-
-PULL = 0.02
-"""Part by which equations without a torque may reduce the parameters towards zero."""
-
-SURE_TOGETHER = 4.0
-"""Standard errors, scatter between the joints included, from which a delay that is common to all
-motor torques is not zero."""
-
 CONTRADICTED = 10.0
 """Standard deviations of chi-square above its mean from which data and assumptions contradict."""
 
 CONFIDENCE = 0.975
 """Confidence with which a larger model must predict excluded blocks better."""
 
-LEAST_EXPLAINED = 0.05
-"""Part of the squared residual that additional parameters must explain to be supported. Less is
-real at times and never useful: in right models of a simulated 7-joint arm the smoothing of Coulomb
-friction by the low pass explains 2 to 4 % (`scripts/benchmarks/term_selection.py`)."""
-
 STRONG = 6.0
 """Least decrease of the information criterion, "strong" by Kass and Raftery (1995). `compare_terms`
 is asked, a check is not: above zero 3 of 120 right set-ups have a finding, all of them below 4
 (`scripts/benchmarks/term_selection.py --findings`)."""
-
-MATTERS = 0.25
-"""Part of the squared residual of a joint that makes what its drive or its gear lacks doubtful: the
-residual falls by an eighth. A spring that is not linear always is, since its stiffness has no
-single value."""
 
 BODY, CENTRE_M = 0.3, 0.03
 """Standard deviations of a body in a robot file: of its mass and of the distance of its centre,
@@ -162,11 +142,14 @@ those of small distal bodies by factors. Right logs of the four robots of the ga
 2, 72 files with such errors) have one finding above a note. A payload is placed to BODY *
 CENTRE_M."""
 
-SEVERE = 0.25
-"""Part of a torque left unexplained below which no sign, unit of an angle, clock or place is wrong:
-at the robots of the gauntlet (seeds 1 and 2) such mistakes leave 0.43 at least, right set-ups 0.10
-at most. Bodies that leave more explain nothing. Part of a distance, or of the length of gravity,
-that remains after a change to first order, or its inverse, beyond which effects are not linear."""
+MATTERS = SEVERE = 0.25
+"""Part of the squared residual of a joint that makes what its drive or its gear lacks doubtful: the
+residual falls by an eighth. A spring that is not linear always is, since its stiffness has no
+single value. Part of a torque left unexplained below which no sign, unit of an angle, clock or
+place is wrong: at the robots of the gauntlet (seeds 1 and 2) such mistakes leave 0.43 at least,
+right set-ups 0.10 at most. Bodies that leave more explain nothing. Part of a distance, or of the
+length of gravity, that remains after a change to first order, or its inverse, beyond which effects
+are not linear."""
 
 LARGEST_RATIO = {False: 1e3, True: 1e5}
 """{whether a joint slides: ratio [rad/rad or rad/m] above which a slope between two encoders is a

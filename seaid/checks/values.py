@@ -69,7 +69,7 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     # |W H theta|^2 by equation, from the triangular factors: |R theta| = |H theta|.
     power = (weights * np.linalg.norm(factor.factors[:, :, :-1] @ theta, axis=1)) ** 2
     pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
-    if pull > tol.PULL and not np.all(zero_fits):
+    if pull > tol.HARDLY and not np.all(zero_fits):
         names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
         yield CODES["homogeneous"].finding(
             f"the torque of {listed(names)} is smaller than what the model leaves unexplained: "
@@ -381,10 +381,9 @@ def sure_offsets(drives: Mapping[str, Estimate]) -> dict[str, tuple[float, float
     offsets = {}
     for joint, estimate in drives.items():
         if "torque_offset" in estimate.names:
-            lower, upper = estimate.interval(tol.NO_CHANCE)[estimate.names.index("torque_offset")]
-            if not lower <= 0 <= upper:
-                errors = estimate.value("torque_offset"), estimate.standard_error("torque_offset")
-                offsets[joint] = errors
+            value, error = estimate.value("torque_offset"), estimate.standard_error("torque_offset")
+            if abs(value) > tol.SURE * error:
+                offsets[joint] = value, error
     return offsets
 
 

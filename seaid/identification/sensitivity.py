@@ -18,7 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import CODES
-from seaid.checks.tolerances import MATERIAL, SIGNIFICANT
+from seaid.checks.tolerances import SIGNIFICANT, TWICE
 from seaid.checks.values import disagreement, homogeneous
 from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import Estimate, FittedRows
@@ -127,7 +127,7 @@ def _scores(fits: Sequence[WeightedFit], estimate: Estimate, propagated: Array |
     H, y = fits[0].rows.H, fits[0].rows.y
     # Norm of the torque in the rows that a parameter acts on.
     torque = np.linalg.norm(y[:, None] * (H != 0), axis=0)
-    matters = np.abs(change) > MATERIAL * stated
+    matters = np.abs(change) > TWICE * stated
     matters &= np.abs(change) * np.linalg.norm(H, axis=0) > _NEGLIGIBLE * torque
     scores = np.abs(change) / errors
     return np.where(matters & (scores > SIGNIFICANT), scores, 0.0)
