@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Code, Sources, consequences, in_drives, only_joint
-from seaid.checks.experiment import Experiment
 from seaid.drives import DEAD_ZONES, PARAMETERS, Drive, ParameterName, readable, unit_of
 from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic
 from seaid.errors import Finding, Severity, listed
@@ -28,6 +28,9 @@ from seaid.regressor import Regression, motor_regressor
 from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot, is_physical
 from seaid.robot.inertia import THIN
+
+if TYPE_CHECKING:
+    from seaid.checks.experiment import Experiment
 
 # Two ways of the same fit
 
@@ -378,13 +381,12 @@ def sure_offsets(drives: Mapping[str, Estimate]) -> dict[str, tuple[float, float
 
     Of springs the load side has a column of it. `drives` are the estimates by joint.
     """
-    offsets = {}
-    for joint, estimate in drives.items():
-        if "torque_offset" in estimate.names:
-            value, error = estimate.value("torque_offset"), estimate.standard_error("torque_offset")
-            if abs(value) > tol.SURE * error:
-                offsets[joint] = value, error
-    return offsets
+    of_names = {joint: x for joint, x in drives.items() if "torque_offset" in x.names}
+    offsets = {
+        joint: (x.value("torque_offset"), x.standard_error("torque_offset"))
+        for joint, x in of_names.items()
+    }
+    return {joint: x for joint, x in offsets.items() if abs(x[0]) > tol.SURE * x[1]}
 
 
 def offset_findings(drives: Mapping[str, Estimate], experiment: Experiment) -> Iterator[Finding]:
