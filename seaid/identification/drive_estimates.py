@@ -15,10 +15,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal
 
 from seaid._arrays import Array, safely
 from seaid._files import toml_table
@@ -40,6 +39,7 @@ from seaid.estimation.parameters import (
     shared_parameters,
 )
 from seaid.estimation.qr_factor import RANK_TOLERANCE, QRFactor, scaled_svd
+from seaid.log.filtering import periodogram, without_trend
 from seaid.regressor import Regression
 from seaid.regressor.regression import actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
@@ -89,13 +89,14 @@ def _noise_ratio(robot: Robot, motion: Motion, joint: str) -> float:
     by_name["tau_L"] = sensed_torque(robot, motion, index)
     regressor = spring_regressor(robot, joint)
     torque, columns = regressor.evaluate(by_name)
-    both = np.column_stack([torque, columns[:, regressor.names.index("stiffness")]])
-    options: dict[str, Any] = {"window": "hann", "detrend": "linear", "axis": 0}
-    frequency, power = signal.periodogram(both, motion.rate_hz, **options)
-    seen = (frequency > _BAND[0] * motion.cutoff_hz) & (frequency < _BAND[1] * motion.cutoff_hz)
-    # The median over the lines, which the few peaks of vibration do not move.
-    torque_noise, deflection_noise = np.median(power[seen], axis=0) if np.any(seen) else (0.0, 0.0)
-    return float(torque_noise / deflection_noise) if deflection_noise > 0 else float("inf")
+    noises = []
+    for samples in (torque, columns[:, regressor.names.index("stiffness")]):
+        frequency, power = periodogram(without_trend(samples), motion.rate_hz)
+        seen = (frequency > _BAND[0] * motion.cutoff_hz) & (frequency < _BAND[1] * motion.cutoff_hz)
+        # The median over the lines, which the few peaks of vibration do not move.
+        noises.append(float(np.median(power[seen])) if np.any(seen) else 0.0)
+    of_torque, of_deflection = noises
+    return of_torque / of_deflection if of_deflection > 0 else float("inf")
 
 
 # What drives share: one delay for each bus, one value for each group
