@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, is_constant, resolution, runs
+from seaid._arrays import Array, is_constant, runs
 from seaid._files import toml_key
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Channel, Observation, channels_of, in_description, in_drives
@@ -235,13 +235,10 @@ def _lost(positions: Sequence[Array]) -> Array:
     """Return the numbers of samples that were lost in single steps of all positions (T,)."""
     moved = np.diff(positions, axis=1)
     usual, change = 0.5 * (moved[:, :-2] + moved[:, 2:]), moved[:, 2:] - moved[:, :-2]
-    apart = np.median(np.abs(moved[:, 1:-1] - usual), axis=1)
-    # An error that is even over a resolution d has the standard deviation d / sqrt(12). That of the
-    # steps, because an encoder that slips has other values after it.
-    coarse = [resolution(steps) / np.sqrt(12) for steps in moved]
-    moved, usual, change = (
-        x / np.maximum(apart, coarse)[:, None] for x in (moved[:, 1:-1], usual, change)
-    )
+    apart = np.abs(moved[:, 1:-1] - usual)
+    # An encoder of coarse counts has most steps of zero, of which the noise is not the median.
+    noise = np.array([np.median(x[x > 0]) if np.any(x) else 1.0 for x in apart])[:, None]
+    moved, usual, change = (x / noise for x in (moved[:, 1:-1], usual, change))
     size = np.linalg.norm(usual, axis=0)
     # The multiple of the usual step of all positions by least squares: k + 1 over k lost samples.
     times = np.round(np.sum(moved * usual, axis=0) / np.maximum(size**2, np.finfo(float).tiny))

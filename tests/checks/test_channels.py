@@ -262,6 +262,14 @@ def test_an_encoder_that_slips_has_lost_no_samples() -> None:
     assert len(_lost(encoders)) == 0
 
 
+@pytest.mark.parametrize("decimals", [7, 12])
+def test_counts_of_an_encoder_with_few_decimals_have_lost_no_samples(decimals: int) -> None:
+    """The decimals of a file looked like the resolution of its encoders."""
+    step, counts = 2 * np.pi / 2**14, 1.15 * np.abs(np.arange(20000) % 4000 - 2000)
+    encoders = np.array([counts, 0.01 * counts]).round() * step
+    assert len(_lost(encoders.round(decimals))) == 0
+
+
 def wrapped(log: Log, robot: Robot, joint: str, field: str, crossing: float) -> Log:
     """Return the log with an encoder that wraps around where `crossing` of its range is passed."""
     values, j = getattr(log, field).copy(), robot.index(joint)
