@@ -21,6 +21,7 @@ from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, listed
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
+from seaid.log.channels import UNIT_FACTORS
 from seaid.log.description import as_toml, changed_source
 from seaid.log.repair.channels import held_over, saturated, wrap_period
 from seaid.log.usable_parts import REST
@@ -52,16 +53,17 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         rate = 1 / float(np.median(np.diff(log.time)))  # a gap is not the unit of the clock
         if tol.SLOWEST_HZ <= rate <= tol.FASTEST_HZ:
             continue
-        rates = {"ms": 1e3 * rate, "us": 1e6 * rate, "ns": 1e9 * rate}
+        clock, sizes = (log.description or {}).get("time", "time_s"), UNIT_FACTORS["s"]
+        described = {"column": clock} if isinstance(clock, str) else dict(clock)
+        source = {"column": "time_s", "unit": "s"} | described
+        # The time was read in the unit that the description states.
+        rates = {unit: rate * sizes[source["unit"]] / size for unit, size in sizes.items()}
         rates = {unit: x for unit, x in rates.items() if tol.SLOWEST_HZ <= x <= tol.FASTEST_HZ}
         text, remedy = "is its time in seconds?", ""
         if rates:
             unit = min(rates, key=lambda unit: abs(float(np.log(rates[unit] / usual_hz))))
-            clock = (log.description or {}).get("time", "time_s")
-            column = clock if isinstance(clock, str) else clock.get("column", "time_s")
             text = f"its time seems to be in {unit}, which gives {rates[unit]:.4g} Hz"
-            source = as_toml({"column": column, "unit": unit})
-            remedy = f"in the description of the log:\ntime = {source}"
+            remedy = f"in the description of the log:\ntime = {as_toml(source | {'unit': unit})}"
         yield CODES["time-unit"].wrong(
             f"the log has {rate:.3g} samples per second: {text}",
             evidence={"rate [Hz]": rate},

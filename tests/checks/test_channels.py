@@ -124,8 +124,15 @@ def test_a_jump_of_the_clock_is_not_its_unit() -> None:
     robot, log = arm(), arm_log()
     time = log.time + np.where(np.arange(len(log.time)) > 500, 1000.0, 0.0)
     assert "time-unit" not in {one.code for one in log_findings(robot, [replace(log, time=time)])}
-    slow = replace(log, time=1e3 * log.time)
-    assert "time-unit" in {one.code for one in log_findings(robot, [slow])}
+
+
+@pytest.mark.parametrize(("stated", "unit"), [("s", "ms"), ("ms", "us"), ("us", "ns")])
+def test_a_clock_is_in_a_smaller_unit_than_its_description_states(stated: str, unit: str) -> None:
+    robot, log = arm(), arm_log()
+    slow = replace(log, time=1e3 * log.time, description={"time": {"column": "t", "unit": stated}})
+    (finding,) = (x for x in log_findings(robot, [slow]) if x.code == "time-unit")
+    described = tomllib.loads(finding.remedy.split("\n", 1)[1])
+    assert described == {"time": {"column": "t", "unit": unit}}
 
 
 def test_torques_held_over_samples_are_named_and_the_remedy_repairs_them(tmp_path: Path) -> None:
