@@ -13,7 +13,7 @@ import scipy
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, moved_zeros, only_joint, undecided, with_payload
+from seaid.checks.codes import CODES, Cause, moved_zeros, only_joint, undecided, with_payload
 from seaid.checks.experiment import (
     Experiment,
     Transform,
@@ -24,7 +24,7 @@ from seaid.checks.experiment import (
     near,
     scaled,
 )
-from seaid.errors import Finding, listed
+from seaid.errors import Finding, Severity, listed
 from seaid.estimation.qr_factor import RANK_TOLERANCE, posterior, scaled_svd, triangle
 from seaid.regressor.base import regressor_at_drives
 
@@ -205,14 +205,10 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
         # Round multiples come without a penalty, since only `factor` itself is a fitted number.
         for times in (0.0, *(near(factor) if is_off else ())):
             message = f"{text} {f'has {times * mass:.3g}{spread} kg' if times else 'is not there'}"
-            yield Transform(
-                CODES["payload"],
-                message,
-                experiment.with_changes(bodies=experiment.bodies + (times - 1) * payload),
-                robot.joint_of(body),
-                with_payload(name, times * mass, com) if times else without,
-                penalty=float(times == factor),
-            )
+            changed = experiment.with_changes(bodies=experiment.bodies + (times - 1) * payload)
+            lines = with_payload(name, times * mass, com) if times else without
+            of_body = CODES["payload"], message, changed, robot.joint_of(body), lines
+            yield Transform(*of_body, penalty=float(times == factor))
         yield from _placed(experiment, experiment.bodies - payload, text, mass)
     if not np.any(known) and not robot.known_bodies:
         yield from _placed(experiment, experiment.bodies, "a payload that was not named", None)
@@ -237,15 +233,11 @@ def _placed(
         changed = bodies.copy()
         changed[10 * body : 10 * body + 10] += point
         is_beyond = point[0] > tol.SURE * experiment.widths[10 * body, 5 * body]
-        yield Transform(
-            CODES["payload"],
-            f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m",
-            experiment.with_changes(bodies=changed),
-            robot.joint_of(body),
-            with_payload(link, point[0], com),
-            "wrong" if is_named else "doubtful" if is_beyond else "note",
-            penalty=3.0 if is_named else 4.0,
-        )
+        message = f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m"
+        loaded, lines = experiment.with_changes(bodies=changed), with_payload(link, point[0], com)
+        of_body = CODES["payload"], message, loaded, robot.joint_of(body), lines
+        severity: Severity = "wrong" if is_named else "doubtful" if is_beyond else "note"
+        yield Transform(*of_body, severity, penalty=3.0 if is_named else 4.0)
 
 
 _FARTHEST_M, _STARTS = 5.0, (0.3, 3.0, 30.0)
@@ -344,25 +336,22 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     what, times, its_error = of_all if is_heavier else of_part
     mostly = f", mostly {link}, by {part:+.0%}" if is_heavier and is_mostly else ""
     word = "heavier" if of_mass[0] > 0 else "lighter"
+    evidence = {"bodies over those of the file": 1 + total, "standard error": error}
+    of_robot = ("relative change of the mass", "standard error of the mass")
+    evidence |= dict(zip(of_robot, of_mass, strict=True)) | {f"relative change of {link}": part}
     finding = CODES["nominal-values"].finding(
         f"the torques need {what} {times:.3g} +- {its_error:.2g} times as heavy as in the robot "
         f"file{mostly}, if centres and shapes are those of the file; by the torques alone the "
         f"robot is {abs(of_mass[0]):.0%} +- {of_mass[1]:.0%} {word}",
         robot.joint_of(most) if is_mostly and not is_heavier else "",
         "note",
-        {
-            "bodies over those of the file": 1 + total,
-            "standard error": error,
-            "relative change of the mass": of_mass[0],
-            "standard error of the mass": of_mass[1],
-            f"relative change of {link}": part,
-        },
+        evidence,
     )
     rivals = _rivals(experiment, link if is_mostly else "", 1 + is_heavier * total)
     yield undecided(finding, dict.fromkeys(rivals, 0.0))
 
 
-def _rivals(experiment: Experiment, mostly: str, times: float) -> Iterator[Finding]:
+def _rivals(experiment: Experiment, mostly: str, times: float) -> Iterator[Cause]:
     """Yield what else explains torques of bodies that are heavier, `mostly` a link, "" for all.
 
     They are `times` as heavy. Where a torque is mostly that of an acceleration, so are positions
@@ -375,11 +364,10 @@ def _rivals(experiment: Experiment, mostly: str, times: float) -> Iterator[Findi
         turned, rows = multiplied(*options), experiment.independent_rows
         costs = [x.file + x.cost("free", rows) for x in (turned.changed, experiment)]
         if costs[0] < costs[1] + tol.SURE**2 / 2:
-            yield CODES["unit"].finding(turned.message)
+            yield CODES["unit"], turned.message
     if np.any(experiment.robot.payload_parameters):
-        yield CODES["payload"].finding("a payload has another mass than the one named")
+        yield CODES["payload"], "a payload has another mass than the one named"
     elif mostly:
-        yield CODES["payload"].finding(f"a payload on {mostly} was not named")
+        yield CODES["payload"], f"a payload on {mostly} was not named"
     else:
-        words = f"all torques are {times:.3g} times what they should be"
-        yield CODES["torque-scale"].finding(words)
+        yield CODES["torque-scale"], f"all torques are {times:.3g} times what they should be"

@@ -290,9 +290,8 @@ def _gear(log: Log, joint: str) -> tuple[float, bool] | None:
     neither friction nor rotor in it, so that no drive is missing.
     """
     j = log.joint_names.index(joint)
-    motor, position, torque = (
-        x[:, j] for x in (log.motor_position, log.joint_position, log.motor_torque)
-    )
+    channels = log.motor_position, log.joint_position, log.motor_torque
+    motor, position, torque = (channel[:, j] for channel in channels)
     moved = float(np.std(position))
     if not np.all(np.isfinite([motor, position])) or not 0 < tol.TWICE * moved <= np.std(motor):
         return None
@@ -399,12 +398,9 @@ def locked_outputs(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
     """
     if not logs or not np.array_equal(robot.transmission, np.eye(robot.n)):
         return ()
-    joints = [joint for joint in robot.elastic_joints if not robot.is_prismatic[robot.index(joint)]]
-    return tuple(
-        joint
-        for joint in joints
-        if all(_is_locked(robot.drives[joint], log, joint) for log in logs)
-    )
+    turning = (x for x in robot.elastic_joints if not robot.is_prismatic[robot.index(x)])
+    drives = ((joint, robot.drives[joint]) for joint in turning)
+    return tuple(x for x, drive in drives if all(_is_locked(drive, log, x) for log in logs))
 
 
 def _is_locked(drive: Drive, log: Log, joint: str) -> bool:
@@ -547,10 +543,8 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     known = robot.payload_parameters + robot.is_known * robot.parameters
     if not experiment.has_bodies or not np.any(known) or robot.has_controllers:
         return
-    sizes, of_known = (
-        np.sqrt(np.mean((experiment.regressor @ x) ** 2, axis=0))
-        for x in (experiment.bodies, known)
-    )
+    torques = (experiment.regressor @ x for x in (experiment.bodies, known))
+    sizes, of_known = (np.sqrt(np.mean(torque**2, axis=0)) for torque in torques)
     heaviest = max(used, key=lambda j: float(sizes[j]))
     times = np.sqrt(np.mean(experiment.target**2, axis=0)) / sizes[heaviest]
     joints = [robot.joint_names[j] for j in used if times[j] > tol.FAR]

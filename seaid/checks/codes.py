@@ -311,15 +311,19 @@ def notes_beside(
     return [as_note(x) if is_whole or x.joint in joints else x for x in findings]
 
 
-def undecided(finding: Finding, rivals: Mapping[Finding, float]) -> Finding:
+Cause = tuple[Code, str]
+"""A possible cause: its code, and what it is in words."""
+
+
+def undecided(finding: Finding, rivals: Mapping[Cause, float]) -> Finding:
     """Return a finding with `rivals` that explain as much {rival: how much less it explains}.
 
     No lines are printed that only one of them supports: a measurement decides first.
     """
-    causes = [(x.message, CODES[x.code]) for x in (finding, *rivals)]
-    texts = (f"{text} ({code.implies})" if code.implies else text for text, code in causes)
-    measures = dict.fromkeys(filter(None, (code.measurement for _, code in causes)))
-    evidence = {f"or {rival.code}": less for rival, less in rivals.items()}
+    causes = [(CODES[finding.code], finding.message), *rivals]
+    texts = (f"{text} ({code.implies})" if code.implies else text for code, text in causes)
+    measures = dict.fromkeys(filter(None, (code.measurement for code, _ in causes)))
+    evidence = {f"or {code.name}": less for (code, _), less in rivals.items()}
     return replace(
         finding,
         message="; or ".join(texts),
@@ -359,14 +363,10 @@ def _as_one(findings: Sequence[Finding]) -> Finding:
         for header, lines in remedy.tables.items():
             tables.setdefault(header, {}).update(dict.fromkeys(lines))
     parts = [Remedy(words, {x: [*y] for x, y in each.items()}) for words, each in remedies.items()]
-    return replace(
-        first,
-        message=f"{first.message}; likewise at {listed(joints[1:])}",
-        joint="",
-        joints=joints,
-        evidence={f"{x.joint}: {key}": x.evidence[key] for x in findings for key in x.evidence},
-        remedy="\n".join(filter(None, parts)),
-    )
+    message = f"{first.message}; likewise at {listed(joints[1:])}"
+    evidence = {f"{x.joint}: {key}": x.evidence[key] for x in findings for key in x.evidence}
+    whole = replace(first, message=message, joint="", joints=joints, evidence=evidence)
+    return replace(whole, remedy="\n".join(filter(None, parts)))
 
 
 _ECHOES = ("nonlinear-spring", "missing-term", "transmission-error", "drift")

@@ -181,15 +181,13 @@ class Side:
         if joint:
             turn[robot.index(joint)] = angle
         torques = np.zeros((len(rows.y), bodies.shape[1]))
-        for motion, (places, instants, samples, states) in zip(
-            self.motions, self._instants, strict=True
-        ):
+        pairs = zip(self.motions, self._instants, strict=True)
+        for motion, (places, instants, samples, states) in pairs:
             q, v, a = motion.joint_states if filtered else states
             # (T, n, 10N) @ (10N, k) in parts: the regressor of a long log is too large in memory.
             parts = [slice(start, start + _AT_ONCE) for start in range(0, len(q), _AT_ONCE)]
-            columns = np.concatenate(
-                [regressor_at_drives(robot, q[x] + turn, v[x], a[x]) @ bodies for x in parts]
-            )
+            each = (regressor_at_drives(robot, q[x] + turn, v[x], a[x]) @ bodies for x in parts)
+            columns = np.concatenate([*each])
             if filtered:
                 known = known_frictions(robot, motion, robot.joint_names)
                 columns = in_band_at(motion, where_known(known, columns), samples)
@@ -279,9 +277,8 @@ def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     -k d: something else looks like the term. So does a late encoder of the joint, see `gears`.
     """
     candidate = found.trial.candidate
-    positive = {
-        x for x in PARAMETERS_OF[candidate.field][candidate.term] if PARAMETERS[x].is_positive
-    }
+    of_term = PARAMETERS_OF[candidate.field][candidate.term]
+    positive = {name for name in of_term if PARAMETERS[name].is_positive}
     # A law that replaces columns has the coefficients of these too, which are not of the term.
     values = zip(found.trial.alternative.names, found.coefficients.tolist(), strict=True)
     if (candidate.field, candidate.term) == ("spring", "damping"):
@@ -366,6 +363,7 @@ def _gain_is_scaled(side: Side, joint: str, accepted: Acceptance, share: float) 
     if others := _contradicting(side, joint):
         cause = f"{listed(others)} with the same gains have other factors, so that those bodies "
         cause += "are not the ones of the robot file, or another torque acts there"
+    before = "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
     finding = CODES["gain-scale"].finding(
         f"the torque of the controller of {joint} is {times:.3g} +- {error:.2g} times that of the "
         f"known bodies, which explains {share:.0%} of the squared residual of its torque equation: "
@@ -373,10 +371,7 @@ def _gain_is_scaled(side: Side, joint: str, accepted: Acceptance, share: float) 
         joint,
         "doubtful",
         {"torque over that of the known bodies": times, "standard error": error, EXPLAINED: share},
-        in_drives(
-            {(joint, "controller"): "is_up_to_scale = true"},
-            "weigh a link: if the known bodies are right, the scale of the gains is a parameter, ",
-        ),
+        in_drives({(joint, "controller"): "is_up_to_scale = true"}, before),
     )
     return replace(finding, severity="note", remedy="weigh a link") if others else finding
 

@@ -657,14 +657,9 @@ def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[
 
     A criterion that is less than `least_gain` lower does not decide between two causes.
     """
-    return [
-        trial
-        for trial in supported
-        if trial.candidate.joint == best.candidate.joint
-        and trial.candidate.about is not best.candidate.about
-        and trial.comparison.is_better
-        and trial.comparison.bic > best.comparison.bic - least_gain
-    ]
+    least, (check, joint) = best.comparison.bic - least_gain, best.candidate.origin
+    others = (x for x in supported if x.candidate.joint == joint and x.candidate.about is not check)
+    return [x for x in others if x.comparison.is_better and x.comparison.bic > least]
 
 
 def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> list[BoolArray]:

@@ -51,12 +51,8 @@ KINDS = {
 """{kind of misfit, a property: what counts as none, and what it leaves unexplained}, those first
 that are quickly computed."""
 
-_ARRAYS = {
-    "q": ("joint",),
-    "m": ("motor", "direction"),
-    "t": ("torque", "torque_rate"),
-    "s": ("sensed",),
-}
+_ARRAYS = {"q": ["joint"], "m": ["motor", "direction"], "s": ["sensed"]}
+_ARRAYS["t"] = ["torque", "torque_rate"]
 """{channel of a joint: the arrays (..., n) that follow from it}; a torque sensor is that of t at a
 joint without a motor torque."""
 
@@ -188,13 +184,9 @@ class Experiment:
 
     def with_changes(self, **changes: Any) -> Experiment:
         """Return the experiment with other fields, and what was derived from those that stay."""
-        stays = {
-            name: value
-            for name, value in vars(self).items()
-            if not _FIELDS_OF.get(name, changes.keys()) & changes.keys()
-        }
-        changed = replace(self, **changes)
-        vars(changed).update(stays)
+        changed, names = replace(self, **changes), changes.keys()
+        stay = (name for name in vars(self) if not _FIELDS_OF.get(name, names) & names)
+        vars(changed).update({name: vars(self)[name] for name in stay})
         return changed
 
     def forget_rows(self) -> None:
@@ -482,9 +474,8 @@ class Experiment:
         The first `columns` (R, k) are each of one joint alone. Equations that are not among the
         `rows` (R, joints), and columns that are nothing but rounding, are zero.
         """
-        A = np.hstack(
-            [*(block_diag(*each) for each in columns), np.concatenate(self.columns[joints])]
-        )
+        of_each = (block_diag(*each) for each in columns)
+        A = np.hstack([*of_each, np.concatenate(self.columns[joints])])
         # (R, joints) -> (joints R,): the equations are joint by joint.
         weight = (rows / self._torque_sizes[joints]).T.ravel()
         A *= weight[:, None]
@@ -1086,9 +1077,8 @@ def multiplied(
     entries = {names[j]: experiment.entries(j, channels, factor=x) for j, x in factors.items()}
     message = f"{subject(experiment, [*factors], channels)} {words}"
     more |= {"channels": channels, "sources": entries}
-    return Transform(
-        code, message, scaled(experiment, factors, channels), only_joint([*entries]), **more
-    )
+    changed = scaled(experiment, factors, channels)
+    return Transform(code, message, changed, only_joint([*entries]), **more)
 
 
 def subject(experiment: Experiment, joints: Sequence[int], channels: str) -> str:

@@ -21,6 +21,7 @@ from seaid._arrays import Array
 from seaid._files import toml_key
 from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
+from seaid.checks.engine import Acceptance
 from seaid.checks.experiment import (
     MOST_STEPS,
     Experiment,
@@ -90,9 +91,7 @@ def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
     return None if np.min(sizes) < tol.POOR * np.sqrt(0.5 * len(pair)) else pair
 
 
-def _periodic(
-    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
-) -> Finding | None:
+def _periodic(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of periodic errors, with their orders as TOML, none of a huge one."""
     drive, estimate = side.robot.drives[joint], side.fitted.estimate
     is_error = joint not in side.gears and not drive.is_nonlinear_spring
@@ -179,15 +178,12 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         for factor, error, penalty in _other_ratios(experiment, j, slope):
             value, std = ratio * factor, ratio * factor * error
             if value <= tol.LARGEST_RATIO[is_linear]:
-                yield Transform(
-                    codes.CODES["gear-ratio"],
-                    f"the gear ratio of {joint} is {value:.4g} +- {std:.2g}, not {ratio:.4g}",
-                    _with_ratio(j, experiment, math.log(factor)),
-                    joint,
-                    codes.in_drives({(joint,): f"{key} = {value:.6g}\n{key}_std = {std:.2g}"}),
-                    evidence={"given ratio": ratio, "standard error": std},
-                    penalty=penalty,
-                )
+                text = f"the gear ratio of {joint} is {value:.4g} +- {std:.2g}, not {ratio:.4g}"
+                changed = _with_ratio(j, experiment, math.log(factor))
+                lines = codes.in_drives({(joint,): f"{key} = {value:.6g}\n{key}_std = {std:.2g}"})
+                of_joint = codes.CODES["gear-ratio"], text, changed, joint, lines
+                evidence = {"given ratio": ratio, "standard error": std}
+                yield Transform(*of_joint, evidence=evidence, penalty=penalty)
 
 
 def can_move(experiment: Experiment, joints: Sequence[int], factor: float) -> bool:
@@ -211,14 +207,10 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
         factors = (1 / lever if side == "joint" else lever).tolist()
         joints = [j for j in range(robot.n) if _may_be_geared(experiment, j, side, factors[j])]
         for places in dict.fromkeys([(*joints,), *((j,) for j in joints)]) if joints else ():
-            yield multiplied(
-                codes.CODES["unit"],
-                experiment,
-                {j: factors[j] for j in places},
-                channel,
-                f"are the angles of the {other}s, on the other side of the gear",
-                remedy=f'# that is the gear: or, in place of the scale, side = "{other}"',
-            )
+            words = f"are the angles of the {other}s, on the other side of the gear"
+            remedy = f'# that is the gear: or, in place of the scale, side = "{other}"'
+            of_places = codes.CODES["unit"], experiment, {j: factors[j] for j in places}
+            yield multiplied(*of_places, channel, words, remedy=remedy)
 
 
 def _may_be_geared(experiment: Experiment, j: int, side: str, factor: float) -> bool:
@@ -496,11 +488,8 @@ def torque_channel(side: Side, joint: str) -> str:
     drive, index = side.robot.drives[joint], side.robot.index(joint)
     is_behind_spring = drive.is_elastic and not side.is_motor
     channels = ("motor_torque",) if drive.is_elastic else ("motor_torque", "joint_torque")
-    logged = (
-        channel
-        for channel in channels
-        if all(np.all(np.isfinite(getattr(x, channel)[:, index])) for x in side.motions)
-    )
+    signals = {x: [getattr(motion, x)[:, index] for motion in side.motions] for x in channels}
+    logged = (x for x in channels if all(np.all(np.isfinite(each)) for each in signals[x]))
     return "" if drive.motor_input != "torque" or is_behind_spring else next(logged, "")
 
 
@@ -535,26 +524,21 @@ def late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     weighted = side.equation.weighted(alike)
     rest = np.linalg.norm(side.equation.residual_of(weighted), axis=0)
     alike[:, rest < _ROUNDING * np.linalg.norm(weighted, axis=0)] = 0.0
+
     # Filtered first: at the ends of a log the filter continues a torque and not a slope, the noise
     # of which is as large as its first difference.
-    slopes = [
-        np.gradient(
-            low_pass(getattr(x, channel)[:, [index]], x.rate_hz, POSITION_BAND * x.cutoff_hz),
-            x.time,
-            axis=0,
-        )
-        for x in side.motions
-    ]
-    return -rows.at_rows(slopes), alike
+    def slope_in(motion: Motion) -> Array:
+        torque, band_hz = getattr(motion, channel)[:, [index]], POSITION_BAND * motion.cutoff_hz
+        return np.gradient(low_pass(torque, motion.rate_hz, band_hz), motion.time, axis=0)
+
+    return -rows.at_rows([*map(slope_in, side.motions)]), alike
 
 
 _ROUNDING = 1e-3
 """Part of a column that rounding leaves of one that is in the model already."""
 
 
-def _is_late(
-    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
-) -> Finding | None:
+def _is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of a channel that is late or early against the others."""
     late, channel = accepted[0], accepted[0].trial.candidate.term
     value = float(late.coefficients[0]), float(late.errors[0])
@@ -666,9 +650,8 @@ def _zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
     if side.robot.has_controllers:  # an offset moves the commands as well: `commands` looks at it
         return
     if not side.robot.is_prismatic[side.robot.index(joint)] and side.swing(joint) > tol.LEAST_SWING:
-        yield engine.linear_candidate(
-            joint, "offset", "joint_position", partial(_turned, side, joint)
-        )
+        turned = partial(_turned, side, joint)
+        yield engine.linear_candidate(joint, "offset", "joint_position", turned)
 
 
 _STEP_RAD = 1e-4
@@ -711,9 +694,7 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
     return angle, float(error)
 
 
-def _zero_is_off(
-    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
-) -> Finding | None:
+def _zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of a joint whose zero is not that of the robot file.
 
     An angle beyond a turn, or one that is not determined, stands for something else: over an

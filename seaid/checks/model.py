@@ -17,7 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid.checks import engine
-from seaid.checks.codes import CODES, EXPLAINED, guarded, joints_of, notes_beside, undecided
+from seaid.checks.codes import CODES, EXPLAINED, Cause, guarded, joints_of, notes_beside, undecided
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
@@ -202,13 +202,14 @@ def _with_effect(side: Side, finding: Finding, accepted: Sequence[engine.Accepte
 
 def _with_rivals(side: Side, finding: Finding, accepted: Sequence[engine.Accepted]) -> Finding:
     """Return a finding with the causes that explain as much, and what decides between them."""
-    rivals = dict[Finding, float]()
+    rivals = dict[Cause, float]()
     for best in accepted:
         for trial in best.rivals:
             if other := _found_alone(side, trial):
-                rivals[other] = best.trial.comparison.bic - trial.comparison.bic
-    if any(rival.severity == "note" for rival in rivals):  # what explains as much does not matter
-        finding = replace(finding, severity="note")
+                less = best.trial.comparison.bic - trial.comparison.bic
+                rivals[CODES[other.code], other.message] = less
+                if other.severity == "note":  # what explains as much does not matter
+                    finding = replace(finding, severity="note")
     return undecided(finding, rivals) if rivals else finding
 
 
@@ -312,9 +313,8 @@ def _selected(
         finding = None
         with guarded(check.code, notes):
             finding = check.finding(side, joint, accepted, sum(x.share for x in accepted))
-            finding = finding and _with_rivals(
-                side, _with_effect(side, finding, accepted), accepted
-            )
+            if finding is not None:
+                finding = _with_rivals(side, _with_effect(side, finding, accepted), accepted)
         if finding is None:
             # What it explained may belong to others that were not accepted next to it: all anew.
             remaining = [x for x in candidates if x.origin != (check, joint)]

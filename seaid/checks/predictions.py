@@ -315,9 +315,8 @@ def contradicted_rotor(
 
 def stiffness_disagrees(joint: str, response: Estimate, identified: Estimate) -> Iterator[Finding]:
     """Yield that the interval of a stiffness by its response excludes that of an identification."""
-    (low, high), (least, most) = (
-        k.interval()[k.names.index("stiffness")] for k in (response, identified)
-    )
+    both = response, identified
+    (low, high), (least, most) = (k.interval()[k.names.index("stiffness")] for k in both)
     if low > most or high < least:
         k, other_k = response.value("stiffness"), identified.value("stiffness")
         unit = response.units[response.names.index("stiffness")]

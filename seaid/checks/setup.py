@@ -130,10 +130,8 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
         x[:, pair], y[:, pair] = np.sort(x[:, pair]), np.sort(y[:, pair])
     # n log(rms before / rms after): the gain of Gaussian residuals of unknown size.
     gains, is_less = rows * np.log(x / y), y < tol.MOST * x
-    falls = {
-        (kinds[kind], j): float(y[kind, j] / x[kind, j])
-        for kind, j in np.argwhere((x > tol.POOR) & is_less).tolist()
-    }
+    places = np.argwhere((x > tol.POOR) & is_less).tolist()
+    falls = {(kinds[kind], j): float(y[kind, j] / x[kind, j]) for kind, j in places}
     # A misfit that a joint does not have is NaN, which compares as False and does not count.
     counts = ((x > tol.SLIGHT) & is_less) | (is_value & (y < tol.SLIGHT))
     counts &= np.array([[kind in _DIRECT] for kind in kinds])
@@ -228,9 +226,8 @@ def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) ->
             costs[transform], count = (cost + transform.penalty, nominal), count + 1
             changed.forget_rows()
             # of a robot with many joints there are thousands of transforms
-            best = [
-                x for k in range(2) for x in sorted(costs, key=lambda x: costs[x][k])[:SHORTLIST]
-            ]
+            ranked = (sorted(costs, key=lambda x: costs[x][k]) for k in range(2))
+            best = [x for each in ranked for x in each[:SHORTLIST]]
             costs = {x: costs[x] for x in costs if x in best}
     # Only then: in the place of one that the log contradicts another would be compared that its
     # costs do not suggest.
@@ -268,7 +265,7 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
     finding = transform.code.finding(
         message, transform.joint, severity, evidence, transform.lines, certainty, transform.joints
     )
-    others = {x.transform.code.finding(x.transform.message): best.total - x.total for x in rivals}
+    others = {(x.transform.code, x.transform.message): best.total - x.total for x in rivals}
     return undecided(finding, others) if others else finding
 
 
@@ -311,10 +308,8 @@ def _is_value(transform: Transform) -> bool:
 
 # Factors on channels: signs, units of positions and of torques
 
-_SIGNS = {
-    True: {"t": 0.0, "qm": 1.0, "qmts": 0.0},
-    False: {"mt": 0.0, "q": 0.0, "m": 0.0, "qt": 1.0},
-}
+_SIGNS = {True: {"t": 0.0, "qm": 1.0, "qmts": 0.0}}
+_SIGNS[False] = {"mt": 0.0, "q": 0.0, "m": 0.0, "qt": 1.0}
 """{whether the encoders turn the same way: {channels of the opposite sign: penalty}}."""
 
 _REVERSED = {"mt": ": the gear reverses, its ratio is negative", "qmts": ": the joint as a whole"}
@@ -335,15 +330,9 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
         sensors = {"s": 0.0} if experiment.has_both_torques[j] else {}
         for sides, penalty in (choices | sensors).items():
             of_gear = {"given ratio": float(experiment.ratio[j])} if sides == "mt" else {}
-            yield multiplied(
-                CODES["gear-ratio" if of_gear else "sign"],
-                experiment,
-                {j: -1.0},
-                sides,
-                opposite + _REVERSED.get(sides, ""),
-                evidence=of_gear,
-                penalty=penalty,
-            )
+            code, words = CODES["gear-ratio" if of_gear else "sign"], _REVERSED.get(sides, "")
+            more = {"evidence": of_gear, "penalty": penalty}
+            yield multiplied(code, experiment, {j: -1.0}, sides, opposite + words, **more)
 
 
 _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
@@ -351,9 +340,7 @@ _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
 
 _METRES = {unit: UNIT_FACTORS["m"][unit] for unit in ("m", "cm", "mm")} | {"inch": 0.0254}
 
-_LENGTHS = {
-    f"{unit}, read as {other}": x / y for (unit, x), (other, y) in permutations(_METRES.items(), 2)
-}
+_LENGTHS = {f"{a}, read as {b}": x / y for (a, x), (b, y) in permutations(_METRES.items(), 2)}
 """{unit of the position of a sliding joint: the factor that repairs it}."""
 
 
@@ -453,15 +440,12 @@ def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
         if is_reversed_only or not rounding < abs(slope) < 1 / rounding:
             continue
         # those of the bodies of all joints suggest another factor
-        log_factor, error = best_value(
-            scaled(experiment, {j: 1 / slope}, "t"), partial(_rescaled, [j], "t")
-        )
+        near_one = scaled(experiment, {j: 1 / slope}, "t")
+        log_factor, error = best_value(near_one, partial(_rescaled, [j], "t"))
         slope = float(slope) * math.exp(-log_factor)
         if abs(slope - 1) > tol.SLIGHT:
-            scale, of_gear = (
-                _scale(experiment, [j], slope, error),
-                [*_of_gear(experiment, j, slope)],
-            )
+            scale = _scale(experiment, [j], slope, error)
+            of_gear = [*_of_gear(experiment, j, slope)]
             # a fitted factor that is that of the gear is no other cause, a unit is
             yield from of_gear if of_gear and scale.penalty else [scale, *of_gear]
 
@@ -507,17 +491,12 @@ def _scale(
     is_of_motors = all(experiment.input(j) in experiment.logged(j, channels) for j in joints)
     # A unit is one of few values and no fitted number: it costs one parameter less.
     factor = sign / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
-    return multiplied(
-        CODES["unit" if is_unit else "torque-scale"],
-        experiment,
-        dict.fromkeys(joints, factor),
-        channels,
-        (f"are in {unit}" if exact else _off_by(size, error)) + _WITH_SIGN * (sign < 0),
-        severity="wrong" if is_unit else "doubtful",
-        evidence={"factor": slope, **known},
-        penalty=float(not exact),
-        remedy=stated * (error > 0 and not exact and is_of_motors),
-    )
+    words = (f"are in {unit}" if exact else _off_by(size, error)) + _WITH_SIGN * (sign < 0)
+    code, severity = ("unit", "wrong") if is_unit else ("torque-scale", "doubtful")
+    of_joints = experiment, dict.fromkeys(joints, factor), channels, words
+    remedy, evidence = stated * (error > 0 and not exact and is_of_motors), {"factor": slope}
+    more = {"severity": severity, "evidence": evidence | known, "penalty": float(not exact)}
+    return multiplied(CODES[code], *of_joints, remedy=remedy, **more)
 
 
 def _rescaled(
@@ -649,15 +628,11 @@ def _behind_gears(experiment: Experiment, joints: Sequence[int], factor: float) 
     torque = np.where(is_behind, np.nan, experiment.torque)
     sensed = np.where(is_behind, experiment.torque, experiment.sensed)
     sources = {names[j]: {"joint_torque": experiment.source(j, "motor_torque")} for j in joints}
-    return Transform(
-        CODES["unit"],
-        f"{subject(experiment, joints, 't')} are measured behind the gear, and not at the motor",
-        experiment.with_changes(torque=torque, sensed=sensed),
-        only_joint([*sources]),
-        remedy='# or, if they are computed from currents: motor_torque = {..., side = "joint"}',
-        evidence={"factor": factor},
-        sources=sources,
-    )
+    text = f"{subject(experiment, joints, 't')} are measured behind the gear, and not at the motor"
+    changed = experiment.with_changes(torque=torque, sensed=sensed)
+    remedy = '# or, if they are computed from currents: motor_torque = {..., side = "joint"}'
+    of_all = CODES["unit"], text, changed, only_joint([*sources]), remedy
+    return Transform(*of_all, evidence={"factor": factor}, sources=sources)
 
 
 # Rotors and the clock
@@ -671,15 +646,11 @@ def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
         # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
         for factor in near(rotor, experiment.lever[j] ** 2):
             inertia = np.where(np.arange(len(inertias)) == j, inertias * factor, inertias)
-            yield Transform(
-                CODES["rotor-inertia"],
-                f"the rotor inertia of {joint} is {inertia[j]:.3g} kg m^2, not {inertias[j]:.3g}",
-                experiment.with_changes(inertia=inertia),
-                joint,
-                in_drives({(joint,): f"motor_inertia_kg_m2 = {inertia[j]:.4g}"}),
-                evidence={"ratio": factor},
-                penalty=float(factor == rotor),
-            )
+            text = f"the rotor inertia of {joint} is {inertia[j]:.3g} kg m^2, not {inertias[j]:.3g}"
+            changed, penalty = experiment.with_changes(inertia=inertia), float(factor == rotor)
+            lines = in_drives({(joint,): f"motor_inertia_kg_m2 = {inertia[j]:.4g}"})
+            of_joint = CODES["rotor-inertia"], text, changed, joint, lines
+            yield Transform(*of_joint, evidence={"ratio": factor}, penalty=penalty)
 
 
 def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
@@ -690,15 +661,11 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
         stiffness, error = experiment.multiple(np.where(is_own, experiment.joint[0], 0.0))
         if stiffness > 0 and not experiment.sprung[j]:
             unit = "N/m" if experiment.robot.is_prismatic[j] else "N m/rad"
-            yield Transform(
-                CODES["missing-term"],
-                f"a spring of about {stiffness:.3g} +- {error:.2g} {unit} is parallel to {joint}",
-                experiment.with_changes(sprung=experiment.sprung | is_own),
-                joint,
-                in_drives({(joint,): 'parallel_spring = ["linear", "preload"]'}),
-                evidence={"stiffness": stiffness},
-                penalty=1.0,
-            )
+            text = f"a spring of about {stiffness:.3g} +- {error:.2g} {unit} is parallel to {joint}"
+            changed = experiment.with_changes(sprung=experiment.sprung | is_own)
+            lines = in_drives({(joint,): 'parallel_spring = ["linear", "preload"]'})
+            of_joint = CODES["missing-term"], text, changed, joint, lines
+            yield Transform(*of_joint, evidence={"stiffness": stiffness}, penalty=1.0)
 
 
 def _times(experiment: Experiment) -> Iterator[Transform]:

@@ -138,10 +138,8 @@ class DriveRows:
         names = *changed, *added
         # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
-        parts = [
-            np.hstack([new.columns(signals, values | point, names) for point in points])
-            for signals in self.signals
-        ]
+        starts = [values | point for point in points]
+        parts = [np.hstack([new.columns(x, each, names) for each in starts]) for x in self.signals]
         columns = np.split(self.at_rows(parts), len(points), axis=1)
         # Columns that replace others are no further parameters, values on a grid are.
         for point, H in zip(points, columns, strict=True):
@@ -270,10 +268,8 @@ def term_candidates(
     drive: DriveRows, terms: Iterable[tuple[str, str]], grids: Grids = NO_GRIDS
 ) -> list[engine.Candidate]:
     """Return terms (field, term) of a drive as candidates."""
-    return [
-        engine.Candidate(drive.joint, field, term, partial(drive.terms, field, term, grids))
-        for field, term in terms
-    ]
+    proposed = ((x, partial(drive.terms, *x, grids)) for x in terms)
+    return [engine.Candidate(drive.joint, *x, columns) for x, columns in proposed]
 
 
 @dataclass(frozen=True)

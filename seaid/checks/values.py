@@ -118,6 +118,8 @@ def noise_findings(estimate: Estimate) -> Iterator[Finding]:
 def _drifts(shown: Diagnostics) -> Iterator[Finding]:
     # Those below are in the standard errors all the same.
     for drift in (drift for drift in shown.drifts if drift.ratio > tol.FAR):
+        time_s = 1 / (2 * math.pi * drift.corner_hz)
+        evidence = {"share of the torque": drift.share, "corner_hz": drift.corner_hz}
         yield CODES["drift"].finding(
             f"the torque of {drift.joint or 'the joint'} has slow errors of {drift.share:.1%} of "
             "its rms, as of a sensor that drifts, or of a zero or a term that the model lacks: "
@@ -125,12 +127,7 @@ def _drifts(shown: Diagnostics) -> Iterator[Finding]:
             f"were enlarged by them, up to {math.sqrt(shown.growth):.2g} times",
             drift.joint,
             "doubtful" if shown.growth > tol.TWICE and drift.share >= tol.FEW else "note",
-            {
-                "share of the torque": drift.share,
-                "corner_hz": drift.corner_hz,
-                "time constant [s]": 1 / (2 * math.pi * drift.corner_hz),
-                "likelihood ratio": drift.ratio,
-            },
+            evidence | {"time constant [s]": time_s, "likelihood ratio": drift.ratio},
         )
 
 
@@ -317,11 +314,9 @@ _OF_VALUES = ("poorly-identified", "needless-term", "loose-encoder", "negative-p
 """The codes of values alone; a weak spring is one by its equation."""
 
 
-def drive_findings(
-    joint: str, estimate: Estimate, qr_factor: QRFactor | None = None
-) -> list[Finding]:
+def drive_findings(joint: str, estimate: Estimate, factor: QRFactor | None = None) -> list[Finding]:
     """Return what the values of a drive show, with the QR factor of its motor equation (10)."""
-    return [*_uncertain(joint, estimate, qr_factor), *_negative(joint, estimate)]
+    return [*_uncertain(joint, estimate, factor), *_negative(joint, estimate)]
 
 
 def revalued(findings: Sequence[Finding], drives: Mapping[str, Estimate]) -> tuple[Finding, ...]:
@@ -381,11 +376,9 @@ def sure_offsets(drives: Mapping[str, Estimate]) -> dict[str, tuple[float, float
 
     Of springs the load side has a column of it. `drives` are the estimates by joint.
     """
-    of_names = {joint: x for joint, x in drives.items() if "torque_offset" in x.names}
-    offsets = {
-        joint: (x.value("torque_offset"), x.standard_error("torque_offset"))
-        for joint, x in of_names.items()
-    }
+    name = "torque_offset"
+    with_one = ((joint, x) for joint, x in drives.items() if name in x.names)
+    offsets = {joint: (x.value(name), x.standard_error(name)) for joint, x in with_one}
     return {joint: x for joint, x in offsets.items() if abs(x[0]) > tol.SURE * x[1]}
 
 

@@ -162,17 +162,15 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
     return Verdict("good", sentence + but * bool(unknown), joints)
 
 
-def not_validated(
-    is_validated: bool, reasons: Iterable[str], own: Iterable[str]
-) -> Iterator[Finding]:
-    """Yield what a result was not validated on: other motions at all, and logs that were named.
+def not_validated(is_unseen: bool, reasons: Iterable[str], own: Iterable[str]) -> Iterator[Finding]:
+    """Yield what a result was not validated on: an unseen motion at all, and logs that were named.
 
     `reasons` are why some of these were not used, `own` the names of those that it was fitted to.
     """
     code = CODES["not-validated"]
     used = (f"the {name} is of a motion that was used for identification" for name in own)
     yield from map(code.finding, (*reasons, *used))
-    if not is_validated:
+    if not is_unseen:
         yield code.note(
             "not validated on an unseen motion: how well the model fits its own motion says little "
             "about how well it predicts another"
@@ -303,17 +301,12 @@ class RobotFit:
         # One contact has at least half of the windows from its start to its end.
         if any(max(x) + 1 - min(x) > 2 * len(x) for x in bursts.values()):
             return ()
-        order = self.joint_names.index
-        return tuple(
-            Contact(
-                run,
-                min(windows) * window_s,
-                (max(windows) + 1) * window_s,
-                window_s,
-                tuple(sorted(set().union(*windows.values()), key=order)),
-            )
-            for run, windows in sorted(bursts.items())
-        )
+        contacts = list[Contact]()
+        for run, windows in sorted(bursts.items()):
+            joints = sorted(set().union(*windows.values()), key=self.joint_names.index)
+            start_s, end_s = min(windows) * window_s, (max(windows) + 1) * window_s
+            contacts.append(Contact(run, start_s, end_s, window_s, tuple(joints)))
+        return tuple(contacts)
 
 
 def robot_fit(
