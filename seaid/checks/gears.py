@@ -416,18 +416,20 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         if deflection.size:
             # What (7) with the constant ratio explains by the rotor is determined anew.
             deflection = np.column_stack([experiment.motor[2][:, j], deflection])
-        x = _varied(q, experiment.apart[:, j], deflection)
-        # The ratio over N is the derivative of q + e q + c cos q + s sin q.
-        factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
+        x, covariance = _varied(q, experiment.apart[:, j], deflection)
+        # The ratio over N is the derivative of q + e q + c cos q + s sin q: 1 + e - c sin q
+        # + s cos q, which is a mean, and an order with two amplitudes.
+        slopes = np.column_stack([np.ones(len(q)), -np.sin(q), np.cos(q)])
+        factor, variance = 1 + slopes @ x, np.mean(np.sum(slopes @ covariance * slopes, axis=1))
         low, high = float(np.min(factor)), float(np.max(factor))
-        # The ratio over N is 1 + e - c sin q + s cos q: a mean, and an order with two amplitudes.
         mean, size = 1 + float(x[0]), float(np.hypot(*x[1:]))
         if size > (1 - 2 * tol.FEW) * mean or high - low < tol.POOR * (high + low) / 2:
             continue
         joint, ratio = robot.joint_names[j], float(experiment.ratio[j])
         cosine, sine = (float(f"{amplitude:.4g}") for amplitude in (x[2] / mean, -x[1] / mean))
-        lines = f"gear_ratio = {ratio * mean:.6g}\n"
-        lines += f"angle_ratio = {{ cos = [{cosine!r}], sin = [{sine!r}] }}"
+        # The drives file has no errors of amplitudes: that of the ratio in this motion has them.
+        lines = f"gear_ratio = {ratio * mean:.6g}\ngear_ratio_std = {ratio * variance**0.5:.2g}\n"
+        lines += f"angle_ratio = {{ cos = [{cosine!r}], sin = [{sine!r}] }}  # counts as exact"
         linkage = AngleRatio(cos=(cosine,), sin=(sine,))
         is_own, of_joint = np.arange(robot.n) == j, Ratios({j: linkage})
         # What is measured at the joint becomes that behind the gear, as a motion has it.
@@ -450,16 +452,19 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         )
 
 
-def _varied(q: Array, apart: Array, deflection: Array) -> Array:
-    """Return e, c and s (3,) of theta_M / lever - q = e q + c cos q + s sin q + deflection."""
-    columns = [q, np.cos(q), np.sin(q)]
+def _varied(q: Array, apart: Array, deflection: Array) -> tuple[Array, Array]:
+    """Return e, c and s (3,), and their covariance, of theta_M / lever - q.
+
+    That is e q + c cos q + s sin q + deflection.
+    """
+    columns, kept = [q, np.cos(q), np.sin(q)], slice(-3, None)
     if not deflection.size:
-        return np.asarray(scaled_svd(with_constant(*columns)).solve(apart)[1:])
+        x, covariance = fitted(with_constant(*columns), apart)
+        return x[kept], covariance[kept, kept]
     # The noise is in the torque of the spring, the last column of its deflection, and not in the
     # angles of the encoders: k (apart - e q - ...) = torque + friction.
-    H = with_constant(apart, *columns, deflection[:, :-1])
-    k, *x = scaled_svd(H).solve(deflection[:, -1])[1:5].tolist()
-    return np.asarray(-np.array(x) / k)
+    x, covariance = fitted(with_constant(apart, deflection[:, :-1], *columns), deflection[:, -1])
+    return -x[kept] / x[1], covariance[kept, kept] / x[1] ** 2
 
 
 def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, permutations, product
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -495,8 +496,8 @@ def _scale(
     code, severity = ("unit", "wrong") if is_unit else ("torque-scale", "doubtful")
     of_joints = experiment, dict.fromkeys(joints, factor), channels, words
     remedy, evidence = stated * (error > 0 and not exact and is_of_motors), {"factor": slope}
-    more = {"severity": severity, "evidence": evidence | known, "penalty": float(not exact)}
-    return multiplied(CODES[code], *of_joints, remedy=remedy, **more)
+    more: dict[str, Any] = {"severity": severity, "evidence": evidence | known}
+    return multiplied(CODES[code], *of_joints, penalty=float(not exact), remedy=remedy, **more)
 
 
 def _rescaled(

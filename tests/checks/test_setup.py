@@ -804,6 +804,9 @@ def test_a_linkage_is_measured_where_the_rotor_is_unknown() -> None:
     assert table["gear_ratio"] == pytest.approx(drive.ratio, rel=0.02)
     assert table["angle_ratio"]["cos"] == pytest.approx([0.0], abs=0.03)
     assert table["angle_ratio"]["sin"] == pytest.approx([0.3], abs=0.03)
+    error = abs(table["gear_ratio"] - drive.ratio)
+    assert error / 3.3 < table["gear_ratio_std"] < 0.01 * drive.ratio
+    assert "counts as exact" in linkage.lines
 
 
 @pytest.mark.parametrize("name", quick_first(["elastic differential", "mixed differential"]))
