@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
-from seaid.checks.codes import CODES, EXPLAINED, Sources, in_drives
+from seaid.checks.codes import CODES, EXPLAINED, Sources, in_drives, only_joint
 from seaid.checks.engine import Acceptance
 from seaid.checks.experiment import sources_of
 from seaid.checks.terms import (
@@ -374,6 +374,25 @@ def _gain_is_scaled(side: Side, joint: str, accepted: Acceptance, share: float) 
         in_drives({(joint, "controller"): "is_up_to_scale = true"}, before),
     )
     return replace(finding, severity="note", remedy="weigh a link") if others else finding
+
+
+def unknown_scales(robot: Robot, joints: Sequence[str]) -> Iterator[Finding]:
+    """Yield the finding of `joints` whose gains have a scale that nothing determines."""
+    if not joints:
+        return
+    scales = (f"{joint} {robot.drives[joint].scale_of_gains:.4g}" for joint in joints)
+    yield CODES["gain-scale"].finding(
+        "the gains are in units of the drive, and nothing fixes their scale in N m: it counts as "
+        f"that of the drives file ({listed(scales)}), and all inertias, masses, frictions and "
+        "torques of the joints that move together are known up to that factor. Their ratios, "
+        "delays and the replay of logs do not depend on it",
+        only_joint(joints),
+        "doubtful",
+        remedy="known bodies (known_bodies=), logs with and without a payload "
+        "(identify_conditions), or "
+        + in_drives({(joints[0],): 'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]'}),
+        certainty="certain",
+    )
 
 
 def _known_rotors(side: Side, joint: str) -> Iterator[engine.Candidate]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Code, Sources, consequences, in_drives, only_joint
+from seaid.checks.codes import CODES, Code, Sources, consequences, only_joint
 from seaid.drives import DEAD_ZONES, PARAMETERS, Drive, ParameterName, readable, unit_of
 from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic
 from seaid.errors import Finding, Severity, listed
@@ -424,25 +424,6 @@ def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
             only_joint(joints),
             remedy="weigh a link; or state how well bodies are known: --known-std bodies=0.05",
         )
-
-
-def unknown_scales(robot: Robot, joints: Sequence[str]) -> Iterator[Finding]:
-    """Yield the finding of `joints` whose gains have a scale that nothing determines."""
-    if not joints:
-        return
-    scales = (f"{joint} {robot.drives[joint].scale_of_gains:.4g}" for joint in joints)
-    yield CODES["gain-scale"].finding(
-        "the gains are in units of the drive, and nothing fixes their scale in N m: it counts as "
-        f"that of the drives file ({listed(scales)}), and all inertias, masses, frictions and "
-        "torques of the joints that move together are known up to that factor. Their ratios, "
-        "delays and the replay of logs do not depend on it",
-        only_joint(joints),
-        "doubtful",
-        remedy="known bodies (known_bodies=), logs with and without a payload "
-        "(identify_conditions), or "
-        + in_drives({(joints[0],): 'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]'}),
-        certainty="certain",
-    )
 
 
 # Bodies

@@ -17,6 +17,7 @@ from seaid._arrays import FrozenMapping
 from seaid.checks import CODES
 from seaid.checks.channels import excluded_findings, standstill_findings
 from seaid.checks.codes import consequences, guarded, is_wrong
+from seaid.checks.columns import unknown_scales
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.experiment import experiment_of
 from seaid.checks.model import model_findings, without_echoes, without_setup_echoes
@@ -30,7 +31,6 @@ from seaid.checks.values import (
     rigid_gear,
     scale_of_bodies,
     shared_findings,
-    unknown_scales,
     unused_findings,
 )
 from seaid.checks.verdict import RobotFit, fit_findings, robot_fit
