@@ -18,7 +18,7 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, frozen, white_noise
 from seaid._files import toml_key
 from seaid._progress import Display
 from seaid.errors import LogError, unknown_name
-from seaid.log.channels import ANGLE, CHANNELS, contact_columns
+from seaid.log.channels import ANGLE, CHANNELS, check_finite, contact_columns
 from seaid.log.filtering import STILL, low_pass, spline_derivatives
 from seaid.robot import BASE_ROWS, imu_motion
 
@@ -240,13 +240,7 @@ def _stacked(names: Sequence[str], picked: Mapping[str, Array], about: str) -> A
 def _samples(name: str, values: Any, width: int | None) -> Array:
     array = np.asarray(values)
     samples = frozen(name, array[:, None] if array.ndim == 1 else array, (None, width), LogError)
-    if not np.all(np.isfinite(samples)):
-        row = int(np.argmax(~np.all(np.isfinite(samples), axis=1)))
-        raise LogError(
-            f"base: {name} is not finite in sample {row}: drop the sample, or repair the log with "
-            "repair=seaid.Repairs()",
-            "repair=seaid.Repairs()",
-        )
+    check_finite(f"base: {name}", samples)
     return samples
 
 

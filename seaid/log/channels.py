@@ -14,6 +14,11 @@ from itertools import chain
 from pathlib import Path
 from typing import Literal, get_args
 
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.errors import LogError
+
 UNITS = tomllib.loads(Path(__file__).with_name("units.toml").read_text("utf-8"))
 """The tables of units.toml: the units with their spellings, and their prefixes."""
 
@@ -227,3 +232,24 @@ def units_of(kind: str) -> set[str]:
     units |= {"A"} if "Nm" in units else set()
     factors = set(chain.from_iterable(UNIT_FACTORS[unit] for unit in units))
     return factors | ({"counts"} if "rad" in units else set())
+
+
+def check_finite(about: str, values: Array, advice: str = "drop the sample") -> None:
+    """Raise LogError for samples (T,) or (T, k) that are NaN or infinite, naming the first one."""
+    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    if len(bad):
+        raise LogError(
+            f"{about} has {len(bad)} values that are not finite, the first in sample {bad[0]}: "
+            f"{advice}, or repair the log with repair=seaid.Repairs()",
+            "repair=seaid.Repairs()",
+        )
+
+
+def check_size(about: str, values: Array, largest: float) -> None:
+    """Raise LogError for finite samples (T,) beyond what any sensor measures."""
+    beyond = np.flatnonzero(np.abs(np.nan_to_num(values, posinf=0, neginf=0)) > largest)
+    if len(beyond):
+        raise LogError(
+            f"{about} has {values[beyond[0]]:.4g} in sample {beyond[0]}, allowed is up to "
+            f"{largest:.0e}: no sensor measures that; remove the sample"
+        )

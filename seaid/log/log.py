@@ -190,7 +190,7 @@ class Log(Display):
                     raise LogError(f"{name} has {len(column)} samples, time has {shape[0]}")
         _check_time(self.time)
         for name, column in self.columns().items():
-            _check_column(name, column, self.time)
+            _check_column(name, column)
 
     def sensors(self, joints: Sequence[str] | None = None) -> dict[str, Array]:
         """Return {field: samples (T, n)} of all fields that are not None, of `joints` if given."""
@@ -250,13 +250,7 @@ _TOO_FEW_DIGITS = (
 def _check_time(time: Array) -> None:
     if len(time) < MINIMUM_SAMPLES:
         raise LogError(f"a log needs {MINIMUM_SAMPLES} samples or more, found {len(time)}")
-    if not np.all(np.isfinite(time)):
-        row = int(np.flatnonzero(~np.isfinite(time))[0])
-        raise LogError(
-            f"time_s has a value that is not finite in sample {row}: drop the sample, or repair "
-            "the log with repair=seaid.Repairs()",
-            "repair=seaid.Repairs()",
-        )
+    channels.check_finite("time_s", time)
     if np.max(np.abs(time)) > _LATEST_S:
         raise LogError(
             f"time_s runs from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to "
@@ -275,23 +269,10 @@ def _check_time(time: Array) -> None:
             )
 
 
-def _check_column(name: str, column: Array, time: Array) -> None:
-    bad = ~np.isfinite(column)
-    if np.any(bad):
-        row = int(np.flatnonzero(bad)[0])
-        raise LogError(
-            f"column '{name}' has {int(bad.sum())} values that are not finite, the first in sample "
-            f"{row} (t = {time[row]:.6g} s); leave the whole column NaN if there is no such "
-            "sensor, or repair single samples with repair=seaid.Repairs()",
-            "repair=seaid.Repairs()",
-        )
-    largest = int(np.argmax(np.abs(column)))
-    if abs(column[largest]) > LARGEST:
-        raise LogError(
-            f"column '{name}' has {column[largest]:.4g} in sample {largest} (t = "
-            f"{time[largest]:.6g} s), allowed is up to {LARGEST:.0e}: no sensor measures that; "
-            "remove these samples"
-        )
+def _check_column(name: str, column: Array) -> None:
+    advice = "leave the whole column NaN if there is no such sensor"
+    channels.check_finite(f"column '{name}'", column, advice)
+    channels.check_size(f"column '{name}'", column, LARGEST)
 
 
 _NEEDED = channels.SENSORS[:4]

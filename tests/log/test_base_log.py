@@ -207,7 +207,10 @@ WRONG: tuple[tuple[dict[str, Any] | None, str], ...] = (
     ({**IMU, "specific_force": np.zeros((len(TIME), 2))}, "specific_force must have shape (any, 3"),
     ({"orientation": np.full((len(TIME), 4), 0.7)}, "found a length of 1.4 in sample 0"),
     ({"wrenches": {FEET[0]: waves(2, 1, 1)}}, "must have three forces or forces and moments"),
-    ({**IMU, "angular_velocity": np.full((len(TIME), 3), np.nan)}, "is not finite in sample 0"),
+    (
+        {**IMU, "angular_velocity": np.full((len(TIME), 3), np.nan)},
+        "that are not finite, the first in sample 0",
+    ),
 )
 
 

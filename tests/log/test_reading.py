@@ -82,11 +82,14 @@ MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
         {"time_s": np.floor(1.7e9 + TIME)},
         ("time_s repeats at sample 1", "seconds since 1970 need 13", RATE),
     ),
-    (column("time_s", 5, np.nan), ("time_s has a value that is not finite in sample 5",)),
+    (
+        column("time_s", 5, np.nan),
+        ("time_s has 1 values that are not finite, the first in sample 5",),
+    ),
     (
         column(JOINT, 5, np.nan),
         (
-            f"'{JOINT}' has 1 values that are not finite, the first in sample 5 (t = 0.05 s)",
+            f"'{JOINT}' has 1 values that are not finite, the first in sample 5",
             "leave the whole column NaN if there is no such sensor",
         ),
     ),

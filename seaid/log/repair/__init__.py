@@ -13,7 +13,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid._progress import Display
 from seaid.errors import LogError
-from seaid.log.channels import Quantity, quantity_of
+from seaid.log.channels import Quantity, check_size, quantity_of
 from seaid.log.tables import Reader, Within, types_of
 
 _Positive = Annotated[float, Within("a finite number above 0", lambda value: 0 < value < np.inf)]
@@ -177,13 +177,8 @@ class Channel:
         object.__setattr__(self, "time", time)
         values = frozen(f"'{self.name}'", self.values, (len(time),), LogError)
         object.__setattr__(self, "values", values)
-        for what, samples in (("time", time), ("value", values)):
-            beyond = np.flatnonzero(np.abs(np.nan_to_num(samples, posinf=0, neginf=0)) > LARGEST)
-            if len(beyond):
-                raise LogError(
-                    f"'{self.name}' has a {what} of {samples[beyond[0]]:g} in sample {beyond[0]}, "
-                    f"allowed are up to {LARGEST:g}: no sensor measures that; remove the sample"
-                )
+        check_size(f"time of '{self.name}'", time, LARGEST)
+        check_size(f"'{self.name}'", values, LARGEST)
         if self.period is not None and not (np.isfinite(self.period) and self.period > 0):
             raise LogError(f"the period of '{self.name}' must be above zero, found {self.period}")
 
