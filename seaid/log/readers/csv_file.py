@@ -7,17 +7,17 @@ import math
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice, takewhile, zip_longest
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import TextIO
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, BoolArray
 from seaid.errors import LogError, listed, shortened
 from seaid.log.readers.table import Block, Blocks, Table, check_memory, in_pieces, joined
 
@@ -37,7 +37,14 @@ _MARKS = {
 }
 """First bytes of files that are no text: {bytes: what it is, and what to do}."""
 
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_TO_POINT = {".": str.maketrans({}), ",": str.maketrans(",.", ".,")}
+"""{decimal sign of a number: table that exchanges it for a point, and a point for it}."""
+
+_GROUPED = re.compile(
+    r"[+-]?[1-9]\d{0,2}([,'’\u00a0\u202f])\d{3}(?:\1\d{3})*(?:\.\d*)?(?:[eE][+-]?\d+)?"
+)
+"""A number with a decimal point and with separators of thousands: "1,234.5", "12'345"."""
+
 _EXCEL = re.compile(r'"?sep=.?"?\s*')
 """A first line in which spreadsheets write the delimiter of the file."""
 
@@ -83,17 +90,22 @@ class _Header:
             raise LogError(f"'{self.path}': column named twice: {listed(twice)}")
         return [places[name] for name in wanted]
 
-    def cleaned(self, lines: list[str]) -> list[str]:
-        """Return lines with decimal points, and with single spaces if these delimit the cells."""
-        if self.decimal == ",":
-            lines = [line.replace(",", ".") for line in lines]
-        return [" ".join(line.split()) for line in lines] if self.delimiter == " " else lines
+    def fits(self, numbers: _Header) -> bool:
+        """Return whether it has a name for each cell of a line of numbers, and their delimiter."""
+        is_delimited = numbers.width == 1 or self.delimiter == numbers.delimiter
+        return len(self.names) == numbers.width and is_delimited
+
+    @property
+    def other_decimal(self) -> str:
+        """The decimal sign that its numbers do not have, but those of single columns may."""
+        return "," if self.decimal == "." else "."
 
 
 def open_csv(path: Path) -> Table:
     """Return the columns of a file delimited by commas, semicolons, tabs, bars or spaces.
 
-    Numbers may have decimal commas where commas do not delimit. Comments behind # or % may come
+    Numbers may have decimal commas where commas do not delimit, and separators of thousands where
+    the cells of a column leave no doubt of them. Comments behind # or % may come
     first; the last one is the header if it has as many names as the samples. Without a header the
     columns are 1, 2, 3, ....
 
@@ -169,37 +181,31 @@ def _blocks(header: _Header, lines: Iterator[str], wanted: list[str], size: int)
 def _header(path: Path, lines: Iterator[str]) -> _Header:
     """Return the names and the format of a file, from its comments and first three other lines."""
     comments, (first, second, third), (line, line_below) = _head(path, lines)
-    numbers = _format_of(first)
+    numbers = _numbered(path, first, line - 1)
     if not first or (comments and numbers):
         header = _named(path, comments[-1], first, line - 1, is_comment=True)
-        if numbers is None or numbers.fits(header):
+        if numbers is None or header.fits(numbers):
             return header
     if numbers and (comments or not _counts_from_zero(first)):
-        return numbers.header(path, line - 1)
+        return numbers
     header = _named(path, first, second, line)
-    units = _units(path, second, header)
-    return _with_units(_named(path, first, third, line_below), units) if units else header
+    return _with_units(path, second, _named(path, first, third, line_below), header.width) or header
 
 
-def _with_units(header: _Header, units: list[str]) -> _Header:
-    """Return a header whose names have their units in brackets."""
-    pairs = zip_longest(header.names, units, fillvalue="")
+def _with_units(path: Path, line: str, header: _Header, width: int) -> _Header | None:
+    """Return a header with the units below its names in brackets, None for a line of samples."""
+    cells = [cell.strip() for cell in _row(path, line, header.delimiter)]
+    if len(cells) != width or not any(cells) or any(map(_is_sample, filter(None, cells))):
+        return None
+    pairs = zip_longest(header.names, (cell.strip("()[] ") for cell in cells), fillvalue="")
     return replace(header, names=[f"{name} [{unit}]" if unit else name for name, unit in pairs])
-
-
-def _units(path: Path, line: str, header: _Header) -> list[str]:
-    """Return the units in a line below the names, without brackets; [] for a line of samples."""
-    cells = _row(path, header.cleaned([line])[0], header.delimiter)
-    filled = [cell.strip() for cell in cells if cell.strip()]
-    if not filled or len(cells) != header.width or any(map(_is_sample, filled)):
-        return []
-    return [cell.strip("()[] ") for cell in cells]
 
 
 def _is_sample(cell: str) -> bool:
     """Return whether a cell is a number, a list of numbers, a date, or a word for a number."""
-    numbers = map(_value, _list(cell) or [cell])
-    return None not in numbers or bool(_DATE.search(cell))
+    texts = _list(cell) or [cell]
+    is_number = any(None not in [_value(text, sign) for text in texts] for sign in ".,")
+    return is_number or bool(_DATE.search(cell))
 
 
 def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], list[int]]:
@@ -239,43 +245,34 @@ def _has_title(path: Path, lines: list[str]) -> bool:
     return is_other and not any(map(_is_sample, filter(str.strip, rows[1])))
 
 
-class _Format(NamedTuple):
-    """The format of a line of numbers: delimiter, decimal sign, and number of cells."""
-
-    delimiter: str
-    decimal: str
-    cells: int
-
-    def fits(self, header: _Header) -> bool:
-        """Return whether a header has a name for each of the cells, and their delimiter."""
-        is_delimited = self.cells == 1 or header.delimiter == self.delimiter
-        return len(header.names) == self.cells and is_delimited
-
-    def header(self, path: Path, skipped: int) -> _Header:
-        """Return the header of a file without one, whose columns are 1, 2, 3, ...."""
-        names = [str(number) for number in range(1, self.cells + 1)]
-        return _Header(path, names, *self, skipped, has_names=False)
-
-
-def _format_of(line: str) -> _Format | None:
-    """Return the format of a line of numbers, None for another line."""
+def _numbered(path: Path, line: str, skipped: int) -> _Header | None:
+    """Return the header 1, 2, 3, ... of a line of numbers, None for another line."""
     # The order decides: between semicolons or tabs, commas are decimal signs.
     for delimiter in ";\t|, ":
-        cells = line.split() if delimiter == " " else line.split(delimiter)
-        for decimal in "." if delimiter == "," else ".,":
-            values = [_value(cell.replace(decimal, ".")) for cell in cells]
-            if None not in values and any(map(str.strip, cells)):
-                return _Format(delimiter, decimal, len(cells))
+        cells = line.split(None if delimiter == " " else delimiter)
+        decimal = "." if delimiter == "," else _decimal_of(cells)
+        is_read = None not in [_value(x, decimal) for x in cells] and any(map(str.strip, cells))
+        # A comma may be a separator of thousands only where another sign delimits.
+        if is_read and (delimiter in line or not _is_grouped(line, decimal)):
+            names = [str(number) for number in range(1, len(cells) + 1)]
+            return _Header(path, names, delimiter, decimal, len(cells), skipped, has_names=False)
     return None
 
 
-def _value(cell: str) -> float | None:
+def _value(cell: str, decimal: str = ".") -> float | None:
     """Return the number in a cell, or that of its word; NaN for a blank cell, None for a text."""
-    text = cell.strip()
+    text = cell.strip().translate(_TO_POINT[decimal])
+    if _is_grouped(cell, decimal):
+        text = re.sub("[,'’\u00a0\u202f]", "", text)
     try:
         return float(text) if text else math.nan
     except ValueError:
         return _WORDS.get(text.lower())
+
+
+def _is_grouped(cell: str, decimal: str) -> bool:
+    """Return whether a cell is a number with separators of thousands."""
+    return bool(_GROUPED.fullmatch(cell.strip().translate(_TO_POINT[decimal])))
 
 
 def _counts_from_zero(line: str) -> bool:
@@ -293,16 +290,28 @@ def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool 
     if has_more and not is_comment:
         # R has no name for the column of the names of rows, which is the first, and quotes it.
         names.insert(0 if _ROW_NAME.match(sample) else len(names), "unnamed")
-    texts = [] if delimiter == "," else map(str.strip, sample.split(delimiter))
-    decimal = "," if any(map(_DECIMAL_COMMA.fullmatch, texts)) else "."
+    decimal = "." if delimiter == "," else _decimal_of(sample.split(delimiter))
     named = _Header(path, names, delimiter, decimal, len(names), skipped)
     return named if decimal == "," else _with_lists(named, cells)
 
 
+def _decimal_of(cells: Sequence[str]) -> str:
+    """Return the decimal sign of a line: a cell that has one meaning decides before "1,234"."""
+    read = {x: [sign for sign in ".," if _value(x, sign) is not None] for x in cells}
+    if [","] in read.values():
+        return ","
+    has_commas = ["."] not in read.values() and any("," in x for x, signs in read.items() if signs)
+    return "," if has_commas else "."
+
+
 def _row(path: Path, line: str, delimiter: str) -> list[str]:
     """Return the cells of a line, of which spaces that delimit them count as one."""
-    line = " ".join(line.split()) if delimiter == " " else line
-    return next(_cells(path, [line], delimiter), [])
+    return next(_cells(path, [_single_spaced(line, delimiter)], delimiter), [])
+
+
+def _single_spaced(line: str, delimiter: str) -> str:
+    """Return a line with single spaces if these delimit its cells."""
+    return " ".join(line.split()) if delimiter == " " else line
 
 
 def _delimiter(header: str, sample: str, is_comment: bool) -> str:
@@ -313,7 +322,8 @@ def _delimiter(header: str, sample: str, is_comment: bool) -> str:
     fitting = (mark for mark in ranked if sample.count(mark) == header.count(mark))
     if ranked:
         return next(fitting, ranked[0])
-    in_both = _format_of(sample) in [_Format(" ", sign, len(header.split())) for sign in ".,"]
+    numbers = _numbered(Path(), sample, 0)
+    in_both = numbers and (numbers.delimiter, numbers.width) == (" ", len(header.split()))
     return " " if is_comment or in_both else ","
 
 
@@ -347,16 +357,17 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
     if not any(line.strip() for line in lines):
         return {}
     places, delimiter = header.places_of(wanted), header.delimiter
-    lines = header.cleaned(lines)
+    lines = [_single_spaced(line, delimiter) for line in lines]
     values: Array = np.empty((0, 0))
     # NumPy parses far faster than cell by cell, but its errors have no column and line: whatever it
     # refuses is parsed again below.
     if not header.items and all(line.count(delimiter) == header.width - 1 for line in lines):
+        points = (line.translate(_TO_POINT[header.decimal]) for line in lines)
         with suppress(ValueError):
             values = np.loadtxt(
-                lines, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
+                points, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
             )
-    if len(values) != len(lines):
+    if len(values) != len(lines) or np.any(_jumps_at_thousand(values)):
         values = _parsed(header, lines, places, first)
     return dict(zip(wanted, values.T.copy(), strict=True))
 
@@ -364,11 +375,49 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
 def _parsed(header: _Header, lines: list[str], places: list[int], first: int) -> Array:
     """Return the numbers (T, k) of the cells at some places. Raises LogError, with the line."""
     numbered = enumerate(_cells(header.path, lines, header.delimiter), first)
-    rows = ((line, _texts(header, cells, line)) for line, cells in numbered if cells)
-    named = [(place, header.names[place]) for place in places]
-    return np.array(
-        [[_number(header.path, line, name, row[x]) for x, name in named] for line, row in rows]
-    )
+    rows = {line: _texts(header, cells, line) for line, cells in numbered if cells}
+    return np.column_stack([_numbers(header, place, rows) for place in places])
+
+
+def _numbers(header: _Header, place: int, rows: Mapping[int, list[str]]) -> Array:
+    """Return the numbers of a column {line: texts}, with one decimal sign in all of its cells.
+
+    Raises LogError for a text, and for a separator that may be of thousands or a decimal sign.
+    """
+    cells = [texts[place] for texts in rows.values()]
+    own, unread = _read(cells, header.decimal)
+    if not (np.any(unread) or _is_doubtful(cells, own, header.decimal)):
+        return own
+    other, strange = _read(cells, header.other_decimal)
+    if np.any(unread) and not np.any(strange) and header.delimiter != ",":
+        return other
+    wrong = np.nan_to_num(own) != np.nan_to_num(other)
+    for number in np.flatnonzero(unread if np.any(unread | strange) else wrong)[:1]:
+        raise _no_number(header, place, rows, int(number))
+    return own
+
+
+def _is_doubtful(cells: Sequence[str], numbers: Array, decimal: str) -> bool:
+    """Return whether cells have separators of thousands, or a decimal sign that may be one."""
+    has_groups = any(_is_grouped(cell, decimal) for cell in cells)
+    return has_groups or bool(np.any(_jumps_at_thousand(numbers)))
+
+
+def _read(cells: Sequence[str], decimal: str) -> tuple[Array, BoolArray]:
+    """Return the numbers of cells (T,), and which of these have none."""
+    values = [_value(cell, decimal) for cell in cells]
+    return np.array(values, dtype=float), np.array([value is None for value in values])
+
+
+def _jumps_at_thousand(values: Array) -> BoolArray:
+    """Return the mask (T - 1, ...) of steps between 100, ..., 999 and less than ten.
+
+    Counts with a point behind thousands, "999" and then "1.000", fall there by a factor.
+    """
+    size = np.abs(values)
+    is_below = (size >= 100) & (size < 1000) & (values == np.round(values))
+    is_above = (size >= 1) & (size < 10)
+    return np.asarray(is_below[:-1] & is_above[1:] | is_above[:-1] & is_below[1:])
 
 
 def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
@@ -414,15 +463,20 @@ def _cells(path: Path, lines: list[str], delimiter: str) -> Iterator[list[str]]:
         raise LogError(f"'{path}' is not a table: {problem}") from None
 
 
-def _number(path: Path, line: int, column: str, cell: str) -> float:
-    """Return the number in a cell. Raises LogError for a text."""
-    value = _value(cell)
-    if value is None:
-        hint = ": empty it if nothing was measured"
-        hint = "; write the time as seconds" if _DATE.search(cell) else hint
-        hint = "; write a decimal point" if _DECIMAL_COMMA.fullmatch(cell.strip()) else hint
-        raise LogError(
-            f"'{path}', line {line}: column '{shortened(column)}' has '{shortened(cell)}', which "
-            f"is not a number{hint}"
-        )
-    return value
+_ONE_SIGN = "; write a decimal point, and no separators of thousands, in all cells of the column"
+
+
+def _no_number(header: _Header, place: int, rows: Mapping[int, list[str]], number: int) -> LogError:
+    """Return the error of a cell that is a text, or whose separator has two meanings."""
+    line, cell = [(line, texts[place]) for line, texts in rows.items()][number]
+    values = {value for sign in ".," if (value := _value(cell, sign)) is not None}
+    fault = "is not a number: empty it if nothing was measured"
+    if _DATE.search(cell):
+        fault = "is not a number; write the time as seconds"
+    elif values:
+        meanings = " or ".join(f"{value:.9g}" for value in sorted(values))
+        fault = (f"may be {meanings}" if len(values) > 1 else "is not a number") + _ONE_SIGN
+    return LogError(
+        f"'{header.path}', line {line}: column '{shortened(header.names[place])}' has "
+        f"'{shortened(cell)}', which {fault}"
+    )

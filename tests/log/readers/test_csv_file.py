@@ -153,6 +153,64 @@ def test_cells_of_any_kind_are_numbers(
     assert csv.field_size_limit() == 131_072  # as it was: it is everybody's
 
 
+GROUPED: tuple[tuple[str, list[float]], ...] = (
+    ("t;q\n0,001;1.234,5\n0,002;999,5\n0,003;-12.345,25\n", [1234.5, 999.5, -12345.25]),
+    ("t;q\n0,001;999\n0,002;1.000\n0,003;1.234.567\n", [999.0, 1000.0, 1234567.0]),
+    ("t;q\n1;999\n2;1.000,5\n", [999.0, 1000.5]),
+    ("t;q\n0,001;1.234\n0,002;1.5\n", [1.234, 1.5]),
+    ("t;q\n0,000;1,234\n0,001;-1,235\n", [1.234, -1.235]),
+    ('t,q\n0.001,"1,234.5"\n0.002,999.5\n', [1234.5, 999.5]),
+    ("t\tq\n0.001\t1,234.5\n0.002\t1,235\n", [1234.5, 1235.0]),
+    ("t;q\n0.001;12'345.6\n0.002;345.6\n", [12345.6, 345.6]),
+    ("t;q\n0,001;12\u202f345,6\n0,002;345,6\n", [12345.6, 345.6]),
+    ("t,q\n0.001,12'345\n0.002,-345\n", [12345.0, -345.0]),
+    ("0,001;1.234,5\n0,002;1.235,5\n", [1234.5, 1235.5]),
+    ("0.1,234,567\n0.2,235,568\n", [567.0, 568.0]),
+    ("t;q\n1;998\n2;0.5\n3;999\n4;1.000\n", [998.0, 0.5, 999.0, 1.0]),
+    ("t;q\n1;99.999\n2;100\n3;100.001\n", [99.999, 100.0, 100.001]),
+)
+
+
+@pytest.mark.parametrize(("content", "numbers"), GROUPED)
+def test_separators_of_thousands_are_read_where_a_column_leaves_no_doubt(
+    tmp_path: Path, content: str, numbers: list[float]
+) -> None:
+    """Points, commas, apostrophes and thin spaces separate thousands, signs of decimals do not."""
+    table = open_table(save(tmp_path / "log.csv", content))
+    last = table.names[-1]
+    assert table.load([last])[last].tolist() == numbers
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            "t;q\n0,001;1.234\n0,002;1.240\n",
+            "line 2: column 'q' has '1.234', which may be 1.234 or",
+        ),
+        ("t\tq\n0.001\t1,234\n0.002\t1,235\n", "line 2: column 'q' has '1,234', which may be 1.23"),
+        (
+            't,q\n0.001,"1,234"\n0.002,"1,235"\n',
+            "which may be 1.234 or 1234; write a decimal point",
+        ),
+        ("t;q\n1;998\n2;999\n3;1.000\n", "line 4: column 'q' has '1.000', which may be 1 or 1000"),
+        (
+            "t;q\n0,001;1,5\n0,002;1.5\n",
+            "line 3: column 'q' has '1.5', which is not a number; writ",
+        ),
+        (
+            "t;q\n0,001;1.23,5\n0,002;1,5\n",
+            "line 2: column 'q' has '1.23,5', which is not a number",
+        ),
+    ],
+)
+def test_a_separator_of_two_meanings_is_refused_with_its_place(
+    tmp_path: Path, content: str, words: str
+) -> None:
+    """A point that may be of thousands or of decimals is not taken for either."""
+    assert words in error_of(save(tmp_path / "log.csv", content), "q")
+
+
 def test_a_line_of_truths_dates_or_nothing_is_none_of_units(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     for line in ("true,False", "NaN,", ",", "12:00:01,x", '"[1, 2]",x', "left"):
