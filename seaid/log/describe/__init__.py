@@ -23,6 +23,7 @@ from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.drives import COMMANDS, Controller
 from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
+from seaid.log.channels import UNIT_FACTORS
 from seaid.log.describe.base import infer_base
 from seaid.log.describe.inference import Doubt, Inference, check_used, is_state, sentences
 from seaid.log.describe.joints import (
@@ -530,11 +531,15 @@ def _nameless_clock(inference: Inference) -> dict[str, Clock]:
 
 
 def _time_unit(name: str, meaning: Meaning, steps: Array, inference: Inference) -> str:
-    if meaning.unit in _STEPS_S:
-        return str(meaning.unit)
-    step = float(np.median(steps))
+    step, stated = float(np.median(steps)), meaning.unit
     # Steps of 20 kHz to 20 Hz: 50 us to 50 ms. In s, ms, us and ns these ranges do not overlap.
     unit = next((unit for unit, least in _STEPS_S.items() if least <= step < 1000 * least), "s")
-    if unit != "s" or step > 0.05:
-        inference.note(name, "time_unit", step=step, unit=unit)
-    return unit
+    if stated not in _STEPS_S:
+        if unit != "s" or step > 0.05:
+            inference.note(name, "time_unit", step=step, unit=unit)
+        return unit
+    # By its name a clock may be slower, but with less than 2 Hz no motion of a joint is followed.
+    if not _STEPS_S[stated] <= step < 10_000 * _STEPS_S[stated]:
+        rate_hz = 1 / (step * UNIT_FACTORS["s"][stated])
+        inference.note(name, "time_rate", column=name, stated=stated, rate=rate_hz, unit=unit)
+    return str(stated)
