@@ -358,9 +358,8 @@ def select_cutoff(
     allowed = _ALLOWED_OF_COMMANDS if of_commands else _ALLOWED
     moving = _moving_spectra(joint, motor, rate_hz, names, of_commands)
     if not moving:
-        return CutoffSelection(
-            highest, "an eighth of the rate: nothing moves", (np.nan, np.nan), rate_limit_hz=highest
-        )
+        reason = "an eighth of the rate: nothing moves"
+        return CutoffSelection(highest, reason, rate_limit_hz=highest)
     narrowest = _NARROW * max(spectrum.position_hz for spectrum in moving.values())
     fastest = max(spectrum.speed_hz for spectrum in moving.values())
     widest = max(_WIDE * fastest, narrowest)

@@ -34,7 +34,7 @@ def open_json(path: Path) -> Table:
     constants = {name: as_float(x) for name, x in values.items() if isinstance(x, Real)}
     # With two lists of records it is not known which is the log, and the object is read by names.
     lists = [*filter(_are_records, (content, *values.values()))]
-    data = _record_columns(path, lists[0]) if len(lists) == 1 else _lists_by_name(path, values, 0)
+    data = _record_columns(path, lists[0]) if len(lists) == 1 else _lists_by_name(path, values)
     if not data:
         raise LogError(
             f"'{path}' has no columns; a JSON log is a list of records, or lists of numbers by name"
@@ -69,7 +69,7 @@ def _record_columns(path: Path, records: list[Any]) -> dict[str, list[Any]]:
     """Return the columns of records, or of lists; None for a value that one lacks."""
     data: dict[str, list[Any]] = {}
     for row, record in enumerate(records):
-        for name, value in _flat(path, "", record, 0):
+        for name, value in _flat(path, "", record):
             if name not in data:
                 data[name] = [None] * len(records)
                 check_columns(path, len(data))
@@ -78,40 +78,35 @@ def _record_columns(path: Path, records: list[Any]) -> dict[str, list[Any]]:
     return data
 
 
-def _flat(path: Path, name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
-    _check_depth(path, depth)
+def _flat(
+    path: Path, name: str, value: Any, depth: int = 0, *, with_lists: bool = True
+) -> Iterator[tuple[str, Any]]:
+    """Yield what is in objects, and in lists on request, by name."""
+    if depth > _DEEPEST:
+        raise LogError(
+            f"'{path}': lists and objects are more than {_DEEPEST} levels deep; a JSON log "
+            "is a list of records, or lists of numbers by name"
+        )
     if isinstance(value, Mapping):
         dot = f"{name}." if name else ""
         for key, entry in value.items():
-            yield from _flat(path, f"{dot}{key}", entry, depth + 1)
-    elif isinstance(value, list):
+            yield from _flat(path, f"{dot}{key}", entry, depth + 1, with_lists=with_lists)
+    elif isinstance(value, list) and with_lists:
         for index, entry in enumerate(value):
             yield from _flat(path, f"{name}[{index}]", entry, depth + 1)
     else:
         yield name, value
 
 
-def _lists_by_name(path: Path, value: Mapping[str, Any], depth: int) -> dict[str, list[Any]]:
+def _lists_by_name(path: Path, content: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Return the lists in an object by name."""
-    _check_depth(path, depth)
     data: dict[str, list[Any]] = {}
-    for name, entry in value.items():
-        if isinstance(entry, Mapping):
-            inner = _lists_by_name(path, entry, depth + 1)
-            data.update({f"{name}.{key}": column for key, column in inner.items()})
-        elif isinstance(entry, list) and entry:
+    for name, entry in _flat(path, "", content, with_lists=False):
+        if isinstance(entry, list) and entry:
             rows = all(isinstance(row, list) for row in entry)
             columns = _record_columns(path, entry) if rows else {"": entry}
             data |= {f"{name}{place}": column for place, column in columns.items()}
     return data
-
-
-def _check_depth(path: Path, depth: int) -> None:
-    if depth > _DEEPEST:
-        raise LogError(
-            f"'{path}': lists and objects are more than {_DEEPEST} levels deep; a JSON log "
-            "is a list of records, or lists of numbers by name"
-        )
 
 
 def _numbers(path: Path, name: str, values: list[Any]) -> Array:
