@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -43,24 +43,6 @@ TEMPERATURES = {
     if "zero" in entry
 }
 """{unit of a temperature: (factor, its zero) in degrees Celsius}."""
-
-LogField = Literal[
-    "motor_position",
-    "joint_position",
-    "motor_torque",
-    "joint_torque",
-    "motor_current",
-    "motor_voltage",
-    "deflection",
-    "motor_temperature",
-    "position_command",
-    "velocity_command",
-    "torque_command",
-    "supply_voltage",
-]
-"""Fields of a `Log` with samples of sensors, each (T, n)."""
-
-SENSORS = get_args(LogField)
 
 Interpolation = Literal["spline", "akima", "linear"]
 Frame = Literal["base", "world"]
@@ -154,6 +136,9 @@ OF_JOINTS = _by_name(
     Quantity("supply_voltage", "voltage", "V", is_slow=True),
 )
 """Quantities of a joint. Deflection: motor side of the spring minus joint side."""
+
+SENSORS = tuple(OF_JOINTS)
+"""Fields of a `Log` with samples of sensors, each (T, n)."""
 
 OF_CONTROLLERS = (*(x for x, row in OF_JOINTS.items() if row.is_command), "supply_voltage")
 """Fields that the controllers of drives need."""
