@@ -507,7 +507,9 @@ def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> Un
 def _is_unit(word: _Word, quantity: str, side: str) -> bool:
     """Return whether a word is a unit that a quantity may have; "pos_m" is at the motor."""
     is_of_motor = word.text == "m" and side != "joint"
-    return word.unit is not None and not is_of_motor and _fits(word.unit, quantity)
+    is_syllable = word.is_letter and not word.text.isascii()  # of a longer word, as 度 of 角度
+    is_other = is_of_motor or is_syllable
+    return word.unit is not None and not is_other and _fits(word.unit, quantity)
 
 
 def _counts_of(words: Sequence[_Word], bracketed: Unit | None) -> Unit | None:
