@@ -146,9 +146,9 @@ def _in_another_unit(commanded: Commanded, is_command_larger: bool) -> str:
     It is the larger one if it is far beyond the limits of the joint or there are none, else the
     smaller one. A command whose unit the description states has that unit.
     """
-    joint, sources = commanded.joint, commanded.log.sources()[commanded.joint]
-    position = next(x for x in ("motor_position", "joint_position") if x in sources)
-    described = [sources[name] for name in ("position_command", position)]
+    joint, log = commanded.joint, commanded.log
+    position = next(x for x in ("motor_position", "joint_position") if x in log.logged(joint))
+    described = [log.sources()[joint][name] for name in ("position_command", position)]
     stated = [isinstance(source, Mapping) and "unit" in source for source in described]
     larger = commanded.command if is_command_larger else commanded.position
     farthest = max(map(abs, commanded.robot.position_range(joint)))

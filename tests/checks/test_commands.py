@@ -13,7 +13,7 @@ import pytest
 import seaid
 from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
-from seaid.checks.commands import _returns, _returns_of, no_measurements
+from seaid.checks.commands import _returns, _returns_of, command_findings, no_measurements
 from seaid.checks.tolerances import EVENTS
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import IdentificationError, LogError
@@ -90,6 +90,23 @@ def test_a_wrong_command_is_named_and_its_remedy_repairs_it(urdf: Path, name: st
             f"the {'joint position' if is_of_position else 'position c'}"
         )
         assert wrong_of(robot, described(log, finding.remedy)) == []
+
+
+def test_a_command_within_the_limits_is_at_fault_unless_its_unit_is_stated(urdf: Path) -> None:
+    """A motion of three degrees may be one of three radians: the description decides."""
+    robot, log = robot_of(urdf, SOFT), mujoco_log(SOFT, 0.0, 0.0, 0)
+    assert log.position_command is not None
+    degrees = np.rad2deg(0.1 * log.joint_position)
+    small = replace(log, joint_position=degrees, position_command=0.1 * log.position_command)
+    command = {"column": "u", "unit": "deg"}
+    sources = {"j": {"position_command": command, "joint_position": "q"}}
+    stated = replace(small, description={"joints": sources})
+    for logged, words in (
+        (small, "the position command of j"),
+        (stated, "the joint position of j"),
+    ):
+        (finding,) = command_findings(robot, logged)
+        assert finding.message.startswith(words)
 
 
 def test_right_commands_may_be_held_or_in_ticks(urdf: Path) -> None:
