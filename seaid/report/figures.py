@@ -23,6 +23,7 @@ from seaid.errors import SeaidError
 from seaid.log import Motion, in_band, standstill
 from seaid.regressor.load import drive_columns, load_side, with_gear_torque
 from seaid.regressor.regression import actuator_columns, signals, under_load
+from seaid.report.formats import layout_of
 from seaid.report.html_charts import Axis, Figure, Layer, Panel
 
 if TYPE_CHECKING:
@@ -30,12 +31,7 @@ if TYPE_CHECKING:
     from seaid.identification import Identification
     from seaid.robot import Robot
 
-_MOST_SAMPLES, _ROOM = 420, 40_000
-"""Samples of a figure, and of all figures of the page."""
-
-_CURVE = 161
-_SIGN_WIDTH = 1e-6
-"""Speed, over the fastest, within which a drawn curve changes its sign."""
+_LAYOUT = layout_of("curves")
 
 _FRICTION = {name for terms in PARAMETERS_OF["friction"].values() for name in terms}
 _SPRING = {name for terms in PARAMETERS_OF["spring"].values() for name in terms}
@@ -47,7 +43,7 @@ _SHAPES = {name for name, parameter in PARAMETERS.items() if parameter.starts}
 def actuator_figures(result: Identification, nominal: Robot) -> list[Panel]:
     """Return the figures of every joint with friction or a spring, none for long logs."""
     motions = fitted_motions(result)
-    most = max(60, min(_MOST_SAMPLES, _ROOM // max(2 * result.robot.n, 1)))
+    most = max(60, min(_LAYOUT.most_samples, _LAYOUT.room // max(2 * result.robot.n, 1)))
     sides = [_sides(result, motion) for motion in motions]
     figures = []
     for index, (joint, drive) in enumerate(result.known.drives.items()):
@@ -193,10 +189,10 @@ def _friction_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) ->
     if not (drives["identified"].friction and np.any(np.isfinite(friction))):
         return
     fastest = float(np.max(np.abs(speeds)))
-    speed = np.linspace(-fastest, fastest, _CURVE - 1)  # without zero, where the sign jumps
+    speed = np.linspace(-fastest, fastest, _LAYOUT.points - 1)  # without zero, where the sign jumps
 
     def curve(drive: Drive) -> Array:
-        law, width = friction_curve(joint, drive.without_harmonics()), _SIGN_WIDTH * fastest
+        law, width = friction_curve(joint, drive.without_harmonics()), _LAYOUT.sign_width * fastest
         return law.torque(speed, np.zeros_like(speed), sign_width=width)[0]
 
     figure = Figure(
@@ -216,7 +212,7 @@ def _spring_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> I
         return
     # Two directions of the motor, because hysteresis of spring and gear separates them.
     ways = {"sample up": speeds > 0, "sample down": ~(speeds > 0)}
-    x = np.linspace(float(np.min(deflections)), float(np.max(deflections)), _CURVE)
+    x = np.linspace(float(np.min(deflections)), float(np.max(deflections)), _LAYOUT.points)
     if "dahl" in drives["identified"].spring:
         x = np.concatenate([x, x[::-1]])  # around the loop
     unit, length = drives["identified"].spring_units

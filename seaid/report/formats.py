@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -412,6 +412,12 @@ def table_of(name: str, rows: Iterable[Sequence[Any]], **words: str) -> Table:
 @cache
 def _tables() -> Mapping[str, Any]:
     return read_toml(Path(__file__).with_name("tables.toml"), "the tables", SeaidError)
+
+
+def layout_of(part: str) -> Any:
+    """Return the numbers of a part of a page, which `layout.toml` has, by their names."""
+    numbers = read_toml(Path(__file__).with_name("layout.toml"), "the layout", SeaidError)[part]
+    return make_dataclass("Layout", numbers, frozen=True)(**numbers)
 
 
 def rendered(template: str, **content: Any) -> Any:

@@ -15,14 +15,10 @@ from typing import Any, Literal
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.report.formats import power_of_ten, powers_of_ten, rendered
+from seaid.report.formats import layout_of, power_of_ten, powers_of_ten, rendered
 from seaid.report.html_traces import axis_time
 
-_ACROSS, _UP = (58.0, 450.0), (256.0, 10.0)
-"""Where the axes start and stop in a chart, whose size is in chart.svg.j2."""
-
-_TICKS, _FEW_POWERS = 7, 3
-"""Most steps between ticks, and powers of ten below which an axis has ticks at 2 and 5 of each."""
+_LAYOUT = layout_of("chart")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +75,8 @@ class Figure:
     @property
     def svg(self) -> Any:
         """The figure as SVG."""
-        across = _Scale(self.x, _ends(self.x, [layer.x for layer in self.layers]), *_ACROSS)
-        up = _Scale(self.y, _ends(self.y, [layer.y for layer in self.layers], 0.05), *_UP)
+        across = _Scale(self.x, _ends(self.x, [layer.x for layer in self.layers]), *_LAYOUT.across)
+        up = _Scale(self.y, _ends(self.y, [layer.y for layer in self.layers], 0.05), *_LAYOUT.up)
         content = {"title": self.title, "layers": self.layers}
         return rendered("chart.svg.j2", across=across, up=up, **content)
 
@@ -131,10 +127,10 @@ class _Scale:
         from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
         low, high = self.ends
-        locator: Locator = MaxNLocator(_TICKS, steps=[1, 2, 5, 10])
+        locator: Locator = MaxNLocator(_LAYOUT.most_ticks, steps=[1, 2, 5, 10])
         if self.axis.is_log:
-            is_short = math.log10(high / low) < _FEW_POWERS
-            locator = LogLocator(subs=[1, 2, 5] if is_short else [1], numticks=_TICKS)
+            is_short = math.log10(high / low) < _LAYOUT.few_powers
+            locator = LogLocator(subs=[1, 2, 5] if is_short else [1], numticks=_LAYOUT.most_ticks)
         # A zero of the locator may be 1e-17, which is no text for a tick.
         values = np.asarray(locator.tick_values(low, high)) / 10.0**self.power
         values = np.round(values, 12) + 0.0
@@ -161,15 +157,11 @@ def _ends(axis: Axis, values: Sequence[Array], margin: float = 0.02) -> tuple[fl
     )
 
 
-_MOST_SAMPLES = 1200
-"""Most samples of a trace."""
-
-
 def traces_figure(
     time: Array, traces: Mapping[str, Array], y: Axis, title: str, caption: str
 ) -> Figure:
     """Return traces (T,) over time; their names are classes of report.css."""
-    step = -(-len(time) // _MOST_SAMPLES)
+    step = -(-len(time) // _LAYOUT.most_samples)
     instants = axis_time(time)[::step]
     layers = [Layer(instants, trace[::step], name, "line") for name, trace in traces.items()]
     return Figure(title, layers, Axis("time", "s"), y, caption)

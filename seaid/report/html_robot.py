@@ -14,24 +14,14 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array
-from seaid.report.formats import rendered, svg_path
+from seaid.report.formats import layout_of, rendered, svg_path
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
     from seaid.robot import Robot
 
-_WIDTH, _HEIGHT, _LABELS = 640.0, 420.0, 165.0
-_MOST_LABELS = 6
-"""Labels on each side of the picture; other joints have a name under the pointer only."""
-
-_ELEVATION, _TURNED = np.radians(18.0), np.radians(24.0)
-"""Height of the eye, and angle away from the view that shows most, so that joints look round."""
-
-_MARGIN, _JOINT, _LEAST, _OF_LINK, _NEAR = 50.0, 22.0, 4.0, 0.4, 0.6
-"""Free space about the joints, largest and least size of a joint, largest over the median link;
-joints closer than so many sizes move apart."""
-
-_LONGEST = 17
+_LAYOUT = layout_of("picture")
+_ELEVATION, _TURNED = np.radians([_LAYOUT.elevation_deg, _LAYOUT.turned_deg])
 
 
 @dataclass(frozen=True)
@@ -117,7 +107,7 @@ class _View:
     def places(self, points: Array) -> Array:
         """Return places (..., 2) in the picture."""
         flat = (points - self.middle) @ self.rows[:2].T * self.scale
-        return np.asarray([_WIDTH / 2, _HEIGHT / 2] + flat * [1.0, -1.0])
+        return np.asarray([_LAYOUT.width / 2, _LAYOUT.height / 2] + flat * [1.0, -1.0])
 
 
 def _view(posture: Posture) -> _View:
@@ -135,11 +125,11 @@ def _view(posture: Posture) -> _View:
     rows = np.array([right, np.cross(eye, right), eye])
     flat = posture.links.reshape(-1, 3) @ rows[:2].T
     low, high = flat.min(axis=0), flat.max(axis=0)
-    room = np.array([_WIDTH - 2 * _LABELS, _HEIGHT]) - 2 * _MARGIN
+    room = np.array([_LAYOUT.width - 2 * _LAYOUT.label_width, _LAYOUT.height]) - 2 * _LAYOUT.margin
     scale = float(np.min(room / np.maximum(high - low, 1e-6)))
     lengths = scale * np.linalg.norm(links, axis=1)
-    typical = float(np.median(lengths[lengths > 1])) if np.any(lengths > 1) else _HEIGHT
-    joint_size = float(np.clip(_OF_LINK * typical, _LEAST, _JOINT))
+    typical = float(np.median(lengths[lengths > 1])) if np.any(lengths > 1) else _LAYOUT.height
+    joint_size = float(np.clip(_LAYOUT.joint_of_link * typical, _LAYOUT.least_joint, _LAYOUT.joint))
     return _View(rows, rows[:2].T @ (0.5 * (low + high)), scale, joint_size)
 
 
@@ -158,7 +148,7 @@ def robot_picture(posture: Posture, labels: Mapping[str, Label], title: str) -> 
     ]
     return rendered(
         "robot.svg.j2",
-        size=(_WIDTH, _HEIGHT),
+        size=(_LAYOUT.width, _LAYOUT.height),
         title=title,
         base=view.places(np.zeros(3)).tolist(),
         flatness=float(np.sin(_ELEVATION)),
@@ -173,7 +163,8 @@ def _joint_centers(posture: Posture, size: float) -> Array:
     """Return the centres (n, 3) of the drawn joints: joints at one place move along their axes."""
     centers = posture.origins.copy()
     for joint in range(len(centers)):
-        near = np.linalg.norm(posture.origins - posture.origins[joint], axis=1) < _NEAR * size
+        distances = np.linalg.norm(posture.origins - posture.origins[joint], axis=1)
+        near = distances < _LAYOUT.near * size
         if np.sum(near) > 1:
             place = int(np.sum(near[:joint]))
             centers[joint] += (1.5 if place % 2 else -1.5) * size * posture.axes[joint]
@@ -200,20 +191,21 @@ def _labelled(robot: Robot, places: Array, labels: Mapping[str, Label]) -> list[
         (not labels[name].is_flagged, ("poor", "fair", "good", "none").index(labels[name].colour))
         for name in names
     ]
-    ranked = sorted(range(len(names)), key=rank.__getitem__)[: 2 * _MOST_LABELS]
+    ranked = sorted(range(len(names)), key=rank.__getitem__)[: 2 * _LAYOUT.most_labels]
     across = sorted(ranked, key=lambda k: float(places[k, 0]))
-    half = -(-len(across) // 2)
-    texts = []
+    half, texts = -(-len(across) // 2), []
+    longest, room = _LAYOUT.longest_label, _LAYOUT.label_width
     for is_left, column in ((True, across[:half]), (False, across[half:])):
         column = sorted(column, key=lambda k: float(places[k, 1]))
         for row, joint in enumerate(column, 1):
-            y = _HEIGHT * row / (len(column) + 1)
-            edge, anchor = (_LABELS - 22, "end") if is_left else (_WIDTH - _LABELS + 22, "start")
+            y = _LAYOUT.height * row / (len(column) + 1)
+            anchor, side = ("end", -1) if is_left else ("start", 1)
+            edge = room - 22 if is_left else _LAYOUT.width - room + 22
             x, joint_y = places[joint]
-            near = edge + (14 if is_left else -14)
-            line = f"M{edge + (5 if is_left else -5):.1f} {y:.1f}H{near:.1f}L{x:.1f} {joint_y:.1f}"
+            near = edge - 14 * side
+            line = f"M{edge - 5 * side:.1f} {y:.1f}H{near:.1f}L{x:.1f} {joint_y:.1f}"
             name = names[joint]
-            text = name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…"
+            text = name if len(name) <= longest else f"{name[: longest - 1]}…"
             place = {"line": line, "x": edge, "y": y, "anchor": anchor}
             texts.append({"of": labels[name], "text": text, **place})
     return texts

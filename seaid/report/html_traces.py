@@ -15,6 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.drives import COMMANDS, IDEAL_DRIVE
+from seaid.report.formats import layout_of
 
 if TYPE_CHECKING:
     from seaid.identification import Fit, Identification, Validation
@@ -23,22 +24,7 @@ if TYPE_CHECKING:
 
 SIDES = ("actuator", "load")
 
-_ROOM = 2_000_000
-"""Bytes of the page for all traces together, and as base64."""
-
-_SAMPLE_BYTES = 12.0
-"""Three 16-bit integers per trace, and three per joint (position, velocity, temperature) that its
-two traces share, as base64: (3 + 3/2) 2 bytes, times 4/3."""
-
-_PER_PERIOD = 24
-"""Samples kept per period of the cutoff frequency, if there is room."""
-
-_MOST_TRACES = 1300
-"""Beyond them whole runs are excluded: each takes at least two kilobytes."""
-
-_FEWEST, _LINES, _FEW_LINES, _MANY = 120, 220, 100, 80
-_HIGHEST, _DEEPEST = 8.0, 1e-9
-_MISSING = -32768
+_LAYOUT = layout_of("traces")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +40,8 @@ def traces_of(identification: Identification, runs: Sequence[Run]) -> dict[str, 
     """Return runs as packed traces by side and joint; unseen logs take precedence for room."""
     runs = _drawn_runs(runs)
     count = sum(map(_count, runs))
-    room = int(_ROOM / _SAMPLE_BYTES / max(count, 1))
-    lines = _LINES if count <= _MANY else _FEW_LINES
+    room = int(_LAYOUT.room_bytes / _LAYOUT.sample_bytes / max(count, 1))
+    lines = _LAYOUT.lines if count <= _LAYOUT.many else _LAYOUT.few_lines
     joints = list(identification.robot.joint_names)
     return {
         "joints": joints,
@@ -63,7 +49,7 @@ def traces_of(identification: Identification, runs: Sequence[Run]) -> dict[str, 
         "sources": {
             side: [_source(identification, joint, side) for joint in joints] for side in SIDES
         },
-        "runs": [_packed_run(run, max(room, _FEWEST), lines) for run in runs],
+        "runs": [_packed_run(run, max(room, _LAYOUT.fewest_samples), lines) for run in runs],
     }
 
 
@@ -77,7 +63,7 @@ def _drawn_runs(runs: Sequence[Run]) -> list[Run]:
     kept: list[Run] = []
     # False sorts before True: unseen runs come first.
     for run in sorted(runs, key=lambda run: not run.is_unseen):
-        if not kept or sum(map(_count, [*kept, run])) <= _MOST_TRACES:
+        if not kept or sum(map(_count, [*kept, run])) <= _LAYOUT.most:
             kept.append(run)
     return [run for run in runs if run in kept]
 
@@ -116,23 +102,19 @@ def _logged(identification: Identification, joint: str) -> str:
     return "the torque of the sensor at the joint"
 
 
-_LONG_STAMP_S = 1e4
-"""Stamps from which an axis would have them as powers of ten."""
-
-
 def axis_time(time: Array) -> Array:
     """Return instants (T,) [s] for an axis: from the first one if their stamps are long.
 
     Unix times differ in their last digits only, and have no room next to each other.
     """
-    return time - time[0] if abs(time[0]) >= _LONG_STAMP_S else time
+    return time - time[0] if abs(time[0]) >= _LAYOUT.long_stamp_s else time
 
 
 def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
     result = run.result
     rate_hz = (len(result.time) - 1) / (result.time[-1] - result.time[0])
     inside = _inside(result)
-    step = max(1, int(rate_hz / (_PER_PERIOD * result.cutoff_hz)))
+    step = max(1, int(rate_hz / (_LAYOUT.per_period * result.cutoff_hz)))
     count = len(range(*inside.indices(len(result.time))))
     # Two samples of each bin are kept: its width is ceil(2 count / room) samples, 0 without bins.
     width = 0 if -(-count // step) <= room else -(-2 * count // room)
@@ -237,7 +219,7 @@ def packed(trace: Array) -> dict[str, Any]:
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
     # From -32767 to 32767; a constant trace has no range, and any scale does.
     scale, offset = (high - low) / 65534 or 1.0, (high + low) / 2
-    steps = np.full(len(trace), _MISSING)
+    steps = np.full(len(trace), _LAYOUT.missing)
     steps[np.isfinite(trace)] = np.round((known - offset) / scale)
     data = base64.b64encode(steps.astype("<i2").tobytes()).decode("ascii")
     return {"data": data, "scale": float(f"{scale:.9g}"), "offset": float(f"{offset:.9g}")}
@@ -262,13 +244,13 @@ class Bands:
         lines = 2 * np.abs(np.fft.rfft(window * centred)) / max(float(window.sum()), 1e-300)
         amplitude = np.maximum.reduceat(lines[: self.end], self.start)
         # The page has logarithms of amplitudes, and a constant residual has none.
-        return np.maximum(amplitude, max(_DEEPEST * float(np.max(amplitude)), 1e-300))
+        return np.maximum(amplitude, max(_LAYOUT.deepest * float(np.max(amplitude)), 1e-300))
 
 
 def _bands(count: int, rate_hz: float, cutoff_hz: float, lines: int) -> Bands:
     """Return the bands of traces of `count` samples, up to well above the cutoff."""
     frequency = np.fft.rfftfreq(count, 1 / rate_hz)
-    end = int(np.searchsorted(frequency, _HIGHEST * cutoff_hz, side="right"))
+    end = int(np.searchsorted(frequency, _LAYOUT.highest * cutoff_hz, side="right"))
     end = max(min(end, len(frequency)), 2)
     # From line 1 on: line 0 is the mean, which is subtracted.
     edges = np.unique(np.round(np.geomspace(1, end, lines + 1)).astype(np.intp))

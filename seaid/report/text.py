@@ -396,10 +396,6 @@ def measure_lines(names: Sequence[str], every: Sequence[ExcitationMeasures]) -> 
     return lines
 
 
-_LONGEST = 40
-"""Letters of the name of a parameter in a table with a column for each cutoff."""
-
-
 def group_name(group: str) -> str:
     """Return the name of the parameters of a drive, or of the base parameters."""
     return "base parameters" if group == "load" else f"drive of {group}"

@@ -203,7 +203,8 @@ def test_spectrum_of_a_sine_has_its_amplitude_at_its_frequency(tmp_path: Path) -
 def test_without_room_traces_are_thinned_with_their_peaks_and_said_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(html_traces, "_ROOM", 8_000)
+    small = replace(html_traces._LAYOUT, room_bytes=8_000)
+    monkeypatch.setattr(html_traces, "_LAYOUT", small)
     found, result = made_up(tmp_path, ("a", "b", "c"), 4000)
     spike = result.load.measured.copy()
     spike[1234, 1] = 50.0
@@ -222,7 +223,8 @@ def test_more_motions_than_there_is_room_for_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So are errors that are not in their table."""
-    monkeypatch.setattr(html_traces, "_MOST_TRACES", 5)
+    few = replace(html_traces._LAYOUT, most=5)
+    monkeypatch.setattr(html_traces, "_LAYOUT", few)
     monkeypatch.setattr(tables, "_MOST_ERRORS", 6)
     found, result = made_up(tmp_path, ("a", "b"), 600)
     page = page_of(tmp_path, found, [result] * 4)
