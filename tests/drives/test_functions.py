@@ -190,6 +190,8 @@ def test_an_unknown_amplitude_counts_as_zero() -> None:
     drive = replace(truth().drives["wrist"], known=(known,)).without_nominal()
     assert (drive.values[known], drive.values[unknown]) == (1e-3, 0.0)
     assert unknown not in drive.own_values
+    shoulder = truth().drives["shoulder"]  # its amplitudes are forces between the encoders
+    assert shoulder.with_values(shoulder.values).own_values == pytest.approx(shoulder.own_values)
 
 
 @pytest.mark.slow  # a simulation of an arm and its identification
