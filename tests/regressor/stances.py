@@ -49,6 +49,7 @@ def rows_of_torques(robot: Robot, joints: Sequence[str]) -> Array:
     """Return the rows (R, m) of the torques of some joints of a robot on a fixed base."""
     q, v, a = states(robot.n, 12 * robot.n + 12)
     Y = rigid_body_regressor(robot, 2 * q, v, a)[:, [robot.index(joint) for joint in joints]]
+    Y[:, :, robot.is_known] = 0
     return Y.reshape(-1, Y.shape[-1])
 
 
