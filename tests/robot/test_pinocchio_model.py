@@ -168,24 +168,19 @@ def test_mujoco_has_the_same_inertia_and_torques(gripper: Robot, tmp_path: Path)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "gripper.xml"))
     data, n = mujoco.MjData(model), robot.n
     place = [model.joint(name).dofadr[0] for name in robot.all_joint_names]
-    E = robot.expand(np.eye(n), 1).T
-    plant = plant_of(robot)
-    q, v, _ = (state[0] for state in states(n))
-    data.qpos[place], data.qvel[place] = robot.expand(q), robot.expand(v, 1)
-    mujoco.mj_forward(model, data)
-    full = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, full)
-    order = robot.joint_order
-    expected = np.empty((n, n))
-    expected[np.ix_(order, order)] = inertia(plant, plant.model.createData(), q[order])
-    np.testing.assert_allclose(
-        E.T @ full[np.ix_(place, place)] @ E, expected, rtol=1e-9, atol=1e-12
-    )
-    bias, rest = E.T @ data.qfrc_bias[place], np.zeros(n)
-    torque = joint_torques(robot, q[None], v[None], rest[None])[0]
-    np.testing.assert_allclose(torque, bias, rtol=1e-9, atol=1e-12)
-    by_plant = inverse_dynamics(plant, plant.model.createData(), (q[order], v[order], rest))
-    np.testing.assert_allclose(by_plant, bias[order], rtol=1e-9, atol=1e-12)
+    q, v, a = (state[0] for state in states(n))
+    columns = robot.expand(q), robot.expand(v, 1), robot.expand(a, 1)
+    data.qpos[place], data.qvel[place], data.qacc[place] = columns
+    mujoco.mj_inverse(model, data)
+    moving = data.qfrc_inverse + data.qfrc_passive + data.qfrc_constraint  # without friction
+    expected = robot.expand(np.eye(n), 1) @ moving[place]
+    plant, order, rest = plant_of(robot), robot.joint_order, np.zeros(n)
+    of_plant = plant.model.createData()
+    bias = inverse_dynamics(plant, of_plant, (q[order], v[order], rest))
+    torque = inertia(plant, of_plant, q[order]) @ a[order] + bias
+    np.testing.assert_allclose(torque, expected[order], rtol=1e-9, atol=1e-12)
+    by_robot = joint_torques(robot, q[None], v[None], rest[None])[0]
+    np.testing.assert_allclose(by_robot[order], bias, rtol=1e-9, atol=1e-12)
     again = seaid.load_robot(tmp_path / "gripper.xml")  # the equality is read as mimic
     assert again.joint_names == robot.joint_names
     np.testing.assert_allclose(
