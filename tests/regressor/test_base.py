@@ -16,6 +16,7 @@ from seaid.regressor.load import load_columns, load_model
 from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
 from tests.experiments import motion_of
+from tests.regressor.stances import check_base, rows_of_torques
 
 Chain = Callable[..., Path]
 
@@ -70,6 +71,8 @@ def test_tulip_leg_has_29_and_21_and_9(tulip_leg: Robot, tulip_urdf: Path, order
     pitch = tulip_leg.joint_names[2:]
     assert len(base_parameters(robot).columns) == 29
     assert len(base_parameters(robot, torque_joints=pitch).columns) == 21
+    held = load_robot(tulip_urdf, known_bodies=["foot"])
+    check_base(exact_base_parameters(held), rows_of_torques(held, held.joint_names))
     in_plane = load_robot(tulip_urdf, joints=pitch[::order])
     assert exact_base_parameters(in_plane).rank == len(base_parameters(in_plane).columns) == 9
 
