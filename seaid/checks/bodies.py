@@ -273,7 +273,13 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
         # Three more residuals, (c - c_0) / 5 m, make a place unique that the torques do not show.
         return np.concatenate([R[:, :10] @ point(x) - R[:, 10], (x[:3] - centre) / _FARTHEST_M])
 
-    fits = (scipy.optimize.least_squares(residual, x, method="lm") for x in starts)
+    def slopes(x: Array) -> Array:
+        # The slope by the logarithm of the mass is the point itself.
+        by_place = moved(mass_at(x), mass_at(x) * x[:3])
+        by_x = np.column_stack([by_place, point(x)])[:, : len(x)]
+        return np.vstack([R[:, :10] @ by_x, np.eye(3, len(x)) / _FARTHEST_M])
+
+    fits = (scipy.optimize.least_squares(residual, x, slopes, method="lm") for x in starts)
     x = min(fits, key=lambda fit: float(fit.cost)).x
     return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
 
