@@ -239,6 +239,8 @@ def clock_line(clock: Array, reference: Array) -> ClockLine:
     The line has the median slope through the medians of blocks (Theil 1950, Sen 1968), so late and
     repeated stamps do not affect it.
     """
+    from scipy.stats import theilslopes
+
     known = np.isfinite(clock) & np.isfinite(reference)
     clock, reference = clock[known], reference[known]
     if len(clock) < 2:
@@ -246,33 +248,14 @@ def clock_line(clock: Array, reference: Array) -> ClockLine:
     difference = clock - reference
     blocks = np.array_split(np.arange(len(clock)), min(_BLOCKS, len(clock)))
     at, apart = (np.array([np.median(x[part]) for part in blocks]) for x in (reference, difference))
-    drift, error = _median_slope(at, apart)
+    with np.errstate(invalid="ignore"):  # no interval of differences of which most are equal
+        drift, _, low, high = theilslopes(apart, at) if np.ptp(at) > 0 else np.zeros(4)
     middle = float(np.median(reference))
     detrended = difference - drift * (reference - middle)
     # At the middle of the log, where the errors of offset and slope are nearly uncorrelated.
     offset = float(np.median(detrended))
     jitter = float(np.median(np.abs(detrended - offset)))
-    return ClockLine(offset, drift, error, middle, jitter)
-
-
-def _median_slope(x: Array, y: Array) -> tuple[float, float]:
-    """Return the median slope of y over x, both (n,), and half of its interval of 95 %.
-
-    Sen (1968): the number of slopes that are too small less that of slopes that are too large has
-    the variance n (n - 1) (2 n + 5) / 18.
-    """
-    from scipy.special import ndtri  # `scipy.stats` takes half a second
-
-    first, second = np.triu_indices(len(x), 1)
-    apart = x[second] > x[first]
-    slopes = np.sort((y[second] - y[first])[apart] / (x[second] - x[first])[apart])
-    if not len(slopes):
-        return 0.0, 0.0
-    n, count = len(x), len(slopes)
-    half = ndtri(0.975) * np.sqrt(n * (n - 1) * (2 * n + 5) / 18) / 2
-    ranks = np.round([count / 2 - half - 1, count / 2 + half])
-    low, high = np.clip(ranks, 0, count - 1).astype(int)
-    return float(np.median(slopes)), float(slopes[high] - slopes[low]) / 2
+    return ClockLine(offset, float(drift), float(high - low) / 2, middle, jitter)
 
 
 def with_regular_clock(group: Sequence[Channel], report: Report) -> list[Channel]:
