@@ -138,7 +138,7 @@ ONE_IMPORTER = {
         "identification.identification",
     ),
     "one part of the page or window each": (
-        *("report.figures", "report.html_experiment", "report.html_verdict"),
+        *("report.figures", "report.html_verdict"),
         *("view.panel", "view.playback", "view.stage"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (

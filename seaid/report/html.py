@@ -15,7 +15,7 @@ from seaid.errors import SeaidError, checked
 from seaid.frequency import FrequencyResponse
 from seaid.identification import Identification, Validation
 from seaid.identification.validation import compared
-from seaid.report import figures, formats, html_experiment, provenance, tables
+from seaid.report import figures, formats, provenance, tables
 from seaid.report.comparison import Difference, comparison_of
 from seaid.report.formats import probability, rendered, share, short
 from seaid.report.html_charts import Axis, Figure, traces_figure
@@ -105,7 +105,7 @@ def write_report(
         # The template has its sections, and makes their tables and figures of these.
         **{"result": identification, "nominal": nominal_robot, "frequency": frequency},
         **{"tables": tables, "figures": figures},
-        **{"experiment": html_experiment, "provenance": provenance, "codes": CODES},
+        **{"provenance": provenance, "codes": CODES},
         "base": tables.load_table(identification.load, values.bodies),
         "facts": dict(facts or {}).items(),
         **_motions(identification, runs, values, posture, moved, tuple(notes)),

@@ -25,7 +25,6 @@ from seaid.report.figures import actuator_figures
 from seaid.report.formats import share
 from seaid.report.html import runs_of
 from seaid.report.html_charts import Axis, traces_figure
-from seaid.report.html_experiment import known_drives
 from seaid.report.html_traces import Run, axis_time
 from seaid.report.html_verdict import (
     NO_BODIES,
@@ -34,6 +33,7 @@ from seaid.report.html_verdict import (
     notices_of,
     page_verdict,
 )
+from seaid.report.provenance import known_drives
 from seaid.report.tables import ErrorRow
 from seaid.robot import Robot
 from tests.experiments import arm, arm_found, arm_result
