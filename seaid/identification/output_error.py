@@ -577,7 +577,8 @@ def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
     The joints `unseen` have no sensor behind their springs, which have to be linear then.
     """
     for joint, drive in robot.drives.items():
-        reasons = [*_refusals(robot, joint, drive), *_of_unseen(robot, joint, drive, unseen)]
+        of_terms = [*_of_terms(drive), *_of_unseen(robot, joint, drive, unseen)]
+        reasons = [*_refusals(robot, joint, drive), *of_terms]
         if reasons:
             raise IdentificationError(
                 f"the refinement cannot simulate the drive of {joint}, {reasons[0]}; use the "
@@ -596,6 +597,10 @@ def _refusals(robot: Robot, joint: str, drive: Drive) -> Iterator[str]:
             yield "whose equation is not linear in its parameters, or has a ratio of its angle"
     elif drive.motor_input != "torque":
         yield f"of which the {drive.motor_input} was logged, not the torque"
+
+
+def _of_terms(drive: Drive) -> Iterator[str]:
+    """Yield which terms of a drive are not simulated."""
     if "dahl" in drive.spring:
         yield "whose spring has hysteresis, a state that adds up the noise of its deflection"
     if "load" in drive.friction and not drive.is_elastic:

@@ -405,8 +405,7 @@ def _moving_spectra(
 
 def _spectrum(samples: Array, rate_hz: float, order: int, of_commands: bool) -> _Spectrum:
     allowed = _ALLOWED_OF_COMMANDS if of_commands else _ALLOWED
-    placed = samples - np.mean(samples)
-    frequency, power = periodogram(without_trend(placed), rate_hz)
+    frequency, power = periodogram(without_trend(samples), rate_hz)
     # periodogram ordinates of white noise are chi^2_2: the median is log 2 times the mean
     white = float(np.median(power[frequency > 0.25 * rate_hz])) / np.log(2)
     # The median above a quarter of the rate hardly sees the quantisation noise of a slow joint.
@@ -418,7 +417,7 @@ def _spectrum(samples: Array, rate_hz: float, order: int, of_commands: bool) -> 
     seen = (smooth >= _OUTSTANDING * floor) & (frequency <= rate_hz / _RATES)
     signal = np.where(seen, np.maximum(power - floor, 0.0), 0.0)
     # a sweep moves too, so the power of the position keeps the linear trend
-    moving = periodogram(placed, rate_hz)[1]
+    moving = periodogram(samples - np.mean(samples), rate_hz)[1]
     # `seen` is that of the samples without the trend, whose power the Hann window has in bins 1, 2.
     place = np.where(seen | (frequency <= frequency[2]), np.maximum(moving - floor, 0.0), 0.0)
     # white noise of density S, differentiated k times: int_0^f S nu^2k dnu = S f^(2k+1) / (2k+1)
@@ -443,9 +442,8 @@ def _spectrum(samples: Array, rate_hz: float, order: int, of_commands: bool) -> 
 
 def without_trend(samples: Array) -> Array:
     """Return samples (T,) without the line through them."""
-    placed = samples - np.mean(samples)
-    ramp = np.arange(len(samples)) - 0.5 * (len(samples) - 1)
-    return np.asarray(placed - (placed @ ramp) / (ramp @ ramp) * ramp)
+    ramp = np.arange(len(samples))
+    return np.asarray(samples - np.polyval(np.polyfit(ramp, samples, 1), ramp))
 
 
 def periodogram(samples: Array, rate_hz: float) -> tuple[Array, Array]:

@@ -196,8 +196,7 @@ def _frozen_torques(values: Array, repeated: BoolArray, positions: list[Array]) 
         return np.zeros_like(repeated)
     frozen = repeated & ~np.isin(values, [0.0, np.min(values), np.max(values)])
     for start, end in runs(frozen):
-        moves = [np.ptp(x[start:end]) > _MOVES * np.ptp(x) for x in positions]
-        frozen[start:end] = any(moves)
+        frozen[start:end] = any(np.ptp(x[start:end]) > _MOVES * np.ptp(x) for x in positions)
     return frozen
 
 
