@@ -108,7 +108,7 @@ def _zero(
     """Yield the zeros of joint j that are found from several starts."""
     for start in starts:
         angle, error = best_value(experiment, partial(_with_zeros, [j]), start)
-        if max(tol.POOR, tol.SURE * error) < abs(angle) < math.pi + tol.POOR:
+        if max(tol.SLIGHT, tol.SURE * error) < abs(angle) < math.pi + tol.POOR:
             yield _off(experiment, {j: angle}, 1.0, reverses)
 
 
@@ -275,8 +275,8 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
 
     def slopes(x: Array) -> Array:
         # The slope by the logarithm of the mass is the point itself.
-        by_place = moved(mass_at(x), mass_at(x) * x[:3])
-        by_x = np.column_stack([by_place, point(x)])[:, : len(x)]
+        m = mass_at(x)
+        by_x = np.column_stack([moved(m, m * x[:3]), point(x)])[:, : len(x)]
         return np.vstack([R[:, :10] @ by_x, np.eye(3, len(x)) / _FARTHEST_M])
 
     fits = (scipy.optimize.least_squares(residual, x, slopes, method="lm") for x in starts)

@@ -53,7 +53,7 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         rate = 1 / float(np.median(np.diff(log.time)))  # a gap is not the unit of the clock
         if tol.SLOWEST_HZ <= rate <= tol.FASTEST_HZ:
             continue
-        clock, sizes = (log.description or {}).get("time", "time_s"), UNIT_FACTORS["s"]
+        clock, sizes = (log.description or {}).get("time", {}), UNIT_FACTORS["s"]
         described = {"column": clock} if isinstance(clock, str) else dict(clock)
         source = {"column": "time_s", "unit": "s"} | described
         # The time was read in the unit that the description states.

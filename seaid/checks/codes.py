@@ -435,5 +435,4 @@ def _brings(cause: Finding, symptom: Finding) -> bool:
     explained = evidence.get(EXPLAINED, 0.0 if is_worse else evidence.get(OF_MOTOR, 0.0))
     # The rms error after a part of its square is explained.
     left = symptom.evidence.get("error", 0.0) * math.sqrt(max(1 - explained, 0.0))
-    is_explained = explained > (1 - tol.POOR if is_worse else tol.MOST) and left < tol.MOST
-    return is_there and is_explained
+    return is_there and explained > (1 - tol.POOR if is_worse else tol.MOST) and left < tol.MOST

@@ -156,17 +156,19 @@ class Side:
 
     @cached_property
     def _instants(self) -> list[tuple[IndexArray, IndexArray, IndexArray, list[Array]]]:
-        """The rows of each motion, the instant of each row, their samples, and joint states there.
+        """The rows of each motion, the instant of each row, their samples, and signals there.
 
-        The states, below the cutoff, are those of the instants.
+        The signals of the instants, below the cutoff, are the states of the joints, and the part of
+        the time around an instant in which the friction (8) of each is known, the weight of a row.
         """
-        rows, parts = self.equation.rows, []
+        rows, parts, robot = self.equation.rows, [], self.robot
         for run, motion in enumerate(self.motions):
             places = np.flatnonzero(rows.run == run)
             times, instants = np.unique(rows.time[places], return_inverse=True)
             samples = np.searchsorted(motion.time, times)
-            states = [in_band_at(motion, state, samples) for state in motion.joint_states]
-            parts.append((places, instants, samples, states))
+            signals = *motion.joint_states, known_frictions(robot, motion, robot.joint_names)
+            there = [in_band_at(motion, signal, samples) for signal in signals]
+            parts.append((places, instants, samples, there))
         return parts
 
     def torques_of(
@@ -177,20 +179,19 @@ class Side:
         They are those of the states of the rows, or `filtered` as the rows are: the torque of
         filtered states differs from the filtered torque by more than the error of an angle.
         """
-        robot, rows, turn = self.robot, self.equation.rows, np.zeros(self.robot.n)
-        if joint:
-            turn[robot.index(joint)] = angle
+        robot, rows = self.robot, self.equation.rows
+        turn = angle * (np.array(robot.joint_names) == joint)
         torques = np.zeros((len(rows.y), bodies.shape[1]))
         pairs = zip(self.motions, self._instants, strict=True)
-        for motion, (places, instants, samples, states) in pairs:
+        for motion, (places, instants, samples, (*states, known)) in pairs:
             q, v, a = motion.joint_states if filtered else states
             # (T, n, 10N) @ (10N, k) in parts: the regressor of a long log is too large in memory.
             parts = [slice(start, start + _AT_ONCE) for start in range(0, len(q), _AT_ONCE)]
             each = (regressor_at_drives(robot, q[x] + turn, v[x], a[x]) @ bodies for x in parts)
             columns = np.concatenate([*each])
-            if filtered:
-                known = known_frictions(robot, motion, robot.joint_names)
-                columns = in_band_at(motion, where_known(known, columns), samples)
+            weights = known_frictions(robot, motion, robot.joint_names) if filtered else known
+            columns = where_known(weights, columns)
+            columns = in_band_at(motion, columns, samples) if filtered else columns
             # (instants, n, k) -> (R, k): of each row its instant and its joint.
             torques[places] = columns[instants, rows.joint[places].astype(int)]
         return torques

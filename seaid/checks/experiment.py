@@ -425,8 +425,7 @@ class Experiment:
         misfit, joints = np.full(self.robot.n, np.nan), self.on_bodies
         if joints and np.all(np.isfinite(bodies)):
             # not by `columns`, which most transforms of a set-up need for nothing else
-            torques = (self.regressor @ bodies).T[joints]
-            misfit[joints] = self._left(torques, is_of_file=True)[1]
+            misfit[joints] = self._left((self.regressor @ bodies).T[joints], is_of_file=True)[1]
         return misfit
 
     @property

@@ -501,10 +501,9 @@ def torque_channel(side: Side, joint: str) -> str:
 def _slope(side: Side, joint: str) -> Array:
     """Return -tau' (R, 1) at the rows, without what friction and rotor of another drive explain."""
     slope, alike = side.once(late_columns, joint)
-    weighted = side.equation.weighted(np.hstack([slope, alike]))
     # The multiples of `alike` that explain most of the slope next to the columns of the fit (Frisch
     # and Waugh 1933) are subtracted: the coefficient of the rest is still the delay.
-    rest = side.equation.residual_of(weighted)
+    rest = side.equation.residual_of(side.equation.weighted(np.hstack([slope, alike])))
     return np.asarray(slope - (alike @ scaled_svd(rest[:, 1:]).solve(rest[:, 0]))[:, None])
 
 
@@ -638,8 +637,7 @@ def _late_encoder(side: Side, joint: str, late: engine.Accepted) -> tuple[float,
     viscous, tolerance = refitted.get("viscous_friction", (0.0, 0.0))
     damping, error = float(late.coefficients[0]), float(late.errors[0])
     is_damping = viscous - damping * _lever(side, joint) ** 2 > -tol.SURE * tolerance
-    is_late_torque = viscous < tol.SURE * tolerance
-    is_other = side.is_motor and (is_damping if damping > 0 else is_late_torque)
+    is_other = side.is_motor and (is_damping if damping > 0 else viscous < tol.SURE * tolerance)
     if stiffness <= 0 or is_other:
         return None
     return damping / stiffness, error / stiffness
@@ -678,8 +676,7 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
     rows, count = side.equation.rows, len(side.base.grouping)
     # (10N, p + 1): standard parameters per base parameter, and the known bodies in the last column.
     onto = np.column_stack([side.base.least(np.eye(count)), side.robot.known_parameters])
-    # Of filtered states: differences of filtered torques are the same within 3 parts in 10^4.
-    turned_by = partial(side.torques_of, onto, joint)
+    turned_by = partial(side.torques_of, onto, joint, filtered=True)
     before, ahead = (turned_by(angle=x) for x in (0.0, _STEP_RAD))
     angle, change, derivative = 0.0, np.zeros_like(before), (ahead - before) / _STEP_RAD
     for _ in range(MOST_STEPS):
@@ -703,16 +700,20 @@ def _zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> 
     """Return the finding of a joint whose zero is not that of the robot file.
 
     An angle beyond a turn, or one that is not determined, stands for something else: over an
-    interval beyond half a radian, 5 standard errors of a tenth, torques are not linear in it. Known
-    bodies whose centres of mass lie in another direction have the same torque.
+    interval beyond half a radian, 5 standard errors of a tenth, torques are not linear in it. Alone
+    an echo of another joint's angle has another sign than next to that. Known bodies whose centres
+    of mass lie in another direction have the same torque.
     """
-    (offset,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    (next_to_others,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    offset = next_to_others
     if abs(offset) > tol.SURE * side.offset_std:  # else its effect is linear, and in the errors
         offset, error = _searched_zero(side, joint)
-    if abs(offset) > np.pi or abs(offset) < tol.SIGNIFICANT * error or error > tol.POOR:
+    is_sure = abs(offset) >= tol.SIGNIFICANT * error and error <= tol.POOR
+    if not is_sure or abs(offset) > np.pi or offset * next_to_others < 0:
         return None
     is_known, rival = bool(side.robot.known_bodies), ", or centres of known bodies are off as much"
-    is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * is_known)
+    # Known bodies are wrong by a tenth of what others are (`Experiment.widths`).
+    is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * tol.POOR * is_known)
     return codes.CODES["encoder-offset"].finding(
         f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
         f"that of the robot file{rival * is_known}: that explains {share:.0%} of the squared "

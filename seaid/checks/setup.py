@@ -826,8 +826,7 @@ def log_findings(
     """
     used = robot.joint_names if torque_joints is None else torque_joints
     unmeasured = Observation(CODES["no-measurement"], _unmeasured)
-    sizes = Observation(CODES["geometry"], _sizes)
-    checks = (*channels.OF_LOGS, unmeasured, sizes)
+    checks = (*channels.OF_LOGS, unmeasured, Observation(CODES["geometry"], _sizes))
     return observed(checks, channels.Logged(robot, logs, used))
 
 

@@ -205,8 +205,7 @@ def _deflection_zero(values: Mapping[str, float], grids: Grids) -> dict[str, flo
 def _dense(starts: Sequence[float]) -> list[float]:
     """Return the starts of a search and their geometric means, without a search after them."""
     # Sizes that differ by factors: half way is the geometric mean.
-    between = np.sqrt(np.array(starts[1:]) * np.array(starts[:-1]))
-    return sorted([*starts, *between.tolist()])
+    return sorted([*starts, *np.sqrt(np.array(starts[1:]) * np.array(starts[:-1])).tolist()])
 
 
 def _changed(

@@ -55,7 +55,8 @@ from tests.mistakes import (
     with_channels,
     with_torque,
 )
-from tests.one_joint import one_joint
+from tests.one_joint import BODY, one_joint
+from tests.plants import write_robot
 from tests.representatives import quick_first, quick_only
 
 OF_TERMS = ("missing-term", "nonlinear-spring")
@@ -497,6 +498,33 @@ def with_zero(robot: Robot, log: Log, joint: str, offset: float) -> Log:
     return with_channels(log, joint, **moved)
 
 
+def test_a_zero_next_to_dry_friction_that_stops_the_joint_is_found(tmp_path: Path) -> None:
+    """Where a motor stands its friction is unknown: rows there weigh less, with their bodies."""
+    body = BODY.replace("<mass", '<origin xyz="0 0.3 0"/><mass')
+    path = write_robot(tmp_path / "arm.urdf", {"arm": "revolute base body"}, body)
+    drive = {"type": "stiff", "gear_ratio": 10.0, "friction": ["viscous", "coulomb"]}
+    robot = seaid.load_robot(path, {"arm": drive})
+    time = np.arange(6000) / 200.0
+    turn = 2 * np.pi * np.array([0.31, 0.83])[:, None] * time
+    amplitude, rate = np.array([[0.5], [0.35]]), 2 * np.pi * np.array([[0.31], [0.83]])
+    states = [
+        np.sum(amplitude * rate**k * f, axis=0)[:, None]
+        for k, f in enumerate((np.sin(turn), np.cos(turn), -np.sin(turn)))
+    ]
+    torque = seaid.regressor.joint_torques(robot, *states) / 10 + 0.08 * np.sign(states[1])
+    joint, rng = states[0], np.random.default_rng(0)
+    log = Log(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=joint - 0.08,
+        motor_position=np.full_like(joint, np.nan),
+        motor_torque=torque + 0.002 * rng.normal(size=joint.shape),
+    )
+    known = replace(robot, known_bodies=("body",))
+    (finding,) = (x for x in identify(known, log).findings if x.code == "encoder-offset")
+    assert finding.evidence["offset [rad]"] == pytest.approx(0.08, abs=0.002)
+
+
 def test_known_bodies_leave_open_whether_a_zero_or_their_centre_is_off() -> None:
     """What a joint moves is taken from the robot file, whose centres have their own errors."""
     robot = replace(leg(TEST_MASS), known_bodies=("shank", "foot"))
@@ -604,12 +632,15 @@ def test_an_error_of_known_bodies_is_no_constant_error_of_a_torque(std: float) -
 
 @pytest.mark.parametrize(
     ("angle", "error", "is_named"),
-    [(0.2, 0.01, True), (2.6, 0.3, False), (0.9, 0.12, False)],
+    [(0.2, 0.01, True), (2.6, 0.3, False), (0.9, 0.12, False), (-0.2, 0.01, False)],
 )
 def test_a_zero_that_the_torque_does_not_determine_is_no_finding(
     angle: float, error: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On a light load with play 150 +- 17 degrees were a zero, 9 standard errors from none."""
+    """On a light load with play 150 +- 17 degrees were a zero, 9 standard errors from none.
+
+    An angle alone of another sign than next to those of other joints is their echo.
+    """
     monkeypatch.setattr(gears, "_searched_zero", lambda *_: (angle, error))
     side: Any = SimpleNamespace(robot=leg(), offset_std=0.0, sources={})
     accepted: Any = [SimpleNamespace(coefficients=np.array([1.0]), errors=np.array([0.1]))]
