@@ -368,7 +368,7 @@ def _rivals(experiment: Experiment, mostly: str, times: float) -> Iterator[Cause
         words = f"are {1 / times:.3g} times what they should be, as by counts per turn or gears"
         options = CODES["unit"], experiment, dict.fromkeys(alone, times), "qm", words
         turned, rows = multiplied(*options), experiment.independent_rows
-        costs = [x.file + x.cost("free", rows) for x in (turned.changed, experiment)]
+        costs = [x.file_cost + x.cost("free", rows) for x in (turned.changed, experiment)]
         if costs[0] < costs[1] + tol.SURE**2 / 2:
             yield CODES["unit"], turned.message
     if np.any(experiment.robot.payload_parameters):

@@ -41,6 +41,9 @@ INSTANTS = 200
 _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
+_TINY, _LEAST = 1e-9, 1e-300
+"""Columns smaller than this part of the largest one are rounding; least divisor."""
+
 KINDS = {
     "of_sensors": (tol.FEW, "torque between motor and sensor"),
     "nominal": (tol.SLIGHT, "torque (by the bodies of the robot file)"),
@@ -48,13 +51,14 @@ KINDS = {
     "of_motors": (tol.FEW, "motor torque"),
     "free": (tol.FEW, "torque (by any bodies)"),
 }
-"""{kind of misfit, a property: what counts as none, and what it leaves unexplained}, those first
-that are quickly computed."""
+"""{kind of misfit, a property of `Experiment`: (size up to which it counts as none, words for what
+it is a part of)}, the quickly computed ones first."""
 
 _ARRAYS = {"q": ["joint"], "m": ["motor", "direction"], "s": ["sensed"]}
 _ARRAYS["t"] = ["torque", "torque_rate"]
-"""{channel of a joint: the arrays (..., n) that follow from it}; a torque sensor is that of t at a
-joint without a motor torque."""
+"""{channel of a joint: the fields (..., n) that a change of it changes}: q is the position of the
+joint, m that of the motor, t the torque and s that of a sensor behind the motor. Without a motor
+torque the sensor of a joint is its channel t."""
 
 
 def moved(mass: float, moments: Array) -> Array:
@@ -98,11 +102,11 @@ _OF_INSTANTS = (*chain.from_iterable(_ARRAYS.values()), "time", "unscaled", "cou
 """Fields (..., R, k) with a value for each instant."""
 
 SHORTLIST = 12
-"""Joints with the largest misfits, whose pairs with all joints are tried, and transforms, best by
-what is quickly computed, whose other misfits are computed too."""
+"""Number of joints, those with the largest misfits, of which all pairs with other joints are tried.
+Also the number of transforms, the best by what is quickly computed, of which all misfits are."""
 
 _LARGE = ("regressor", "columns", "_factors", "_seen", "_effects", "_rows")
-"""What grows with the number of bodies besides that of instants or of joints."""
+"""Derived arrays that `forget_rows` drops: they grow with the bodies times instants or joints."""
 
 Value = TypeVar("Value")
 
@@ -169,7 +173,8 @@ class Experiment:
     def logged(self, j: int, channels: str) -> list[str]:
         """Return the logged quantities of joint j for channels of q, m, t and s.
 
-        A position that was computed from the other side's changes with that one.
+        Where a channel was not logged, the quantity is that of the other side, from which it was
+        computed.
         """
         sources = self.sources[0][self.robot.joint_names[j]]
         sides = {"q": ["joint_position", "motor_position"], "t": [self.input(j), "joint_torque"]}
@@ -214,7 +219,7 @@ class Experiment:
         return self.with_changes(log=self.log[rows], sources=(self.sources[number],), **parts)
 
     def with_log(self, before: Experiment, after: Experiment) -> Experiment:
-        """Return the experiment after a change of one log, whose instants are those `before`."""
+        """Return the experiment in which the instants of one log, `before`, are those `after`."""
         changes, rows = dict[str, Array](), self.log == before.log[0]
         for name in _OF_INSTANTS:
             if getattr(before, name) is not getattr(after, name):
@@ -425,7 +430,7 @@ class Experiment:
         misfit, joints = np.full(self.robot.n, np.nan), self.on_bodies
         if joints and np.all(np.isfinite(bodies)):
             # not by `columns`, which most transforms of a set-up need for nothing else
-            misfit[joints] = self._left((self.regressor @ bodies).T[joints], is_of_file=True)[1]
+            misfit[joints] = self._residuals((self.regressor @ bodies).T[joints], True)[1]
         return misfit
 
     @property
@@ -444,16 +449,16 @@ class Experiment:
         R = self._factors[..., :-1] / self._torque_sizes[used, None, None]
         factor = qr_factor.triangle(R.reshape(-1, R.shape[2]))
         theta = qr_factor.scaled_svd(factor[:, :-1]).solve(factor[:, -1], qr_factor.RANK_TOLERANCE)
-        residual, misfit[used] = self._left(self.columns[used] @ theta)
+        residual, misfit[used] = self._residuals(self.columns[used] @ theta)
         for j, rows in zip(used, residual, strict=True):
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows[self.counted[:, j]]))
         return misfit, per_row
 
-    def _left(self, torques: Array, is_of_file: bool = False) -> tuple[Array, Array]:
-        """Return what torques (u, R) of bodies leave of those of used joints, and misfits.
+    def _residuals(self, torques: Array, is_of_file: bool = False) -> tuple[Array, Array]:
+        """Return the residuals (u, R) of used joints next to torques (u, R) of bodies, and misfits.
 
-        The misfits (u,) are those with the friction that explains most. Next to bodies of the file
-        no rotor has a negative inertia; any bodies may have that of a rotor.
+        The misfits (u,) are those with the friction that explains most. With bodies of the file a
+        negative inertia of a rotor is a misfit; other bodies may contain that of a rotor.
         """
         used, counted = self.on_bodies, self.counted.T[self.on_bodies]
         y = self.target.T[used] - torques
@@ -627,10 +632,11 @@ class Experiment:
         return ratios
 
     def _of_spring(self, j: int) -> tuple[BoolArray, Array, Array]:
-        """Return rows, torque and columns but the angles: by (7), or by the sensor and (4b).
+        """Return the rows (R,), torque (R,) and columns (R, k), without the angles, of a spring.
 
-        A torque of unknown scale does as well in (7), next to a rotor of any inertia. No rows are
-        those of a joint without a torque.
+        They are those of (7) with the motor torque, else of (4b) with the torque sensor, else of
+        (7) with a current or voltage of unknown scale and a rotor of any inertia. A joint without
+        any torque has no rows.
         """
         sensed, unscaled = self.sensed[:, j], self.unscaled[:, j]
         if np.all(np.isfinite(self.torque[:, j])):
@@ -806,8 +812,8 @@ class Experiment:
         )
 
     @cached_property
-    def file(self) -> float:
-        """Minus the log likelihood of what the bodies of the robot file leave.
+    def file_cost(self) -> float:
+        """Minus the log likelihood of the torques that the bodies of the robot file leave.
 
         With bodies of s times the usual widths the torques along each effect, of size z and in
         units of the noise, have the variance 1 + s^2 z^2, and s is that of the largest likelihood:
@@ -845,7 +851,8 @@ class Experiment:
     def _of_spring_law(self, j: int, y: Array, columns: Array) -> float:
         """Return the misfit of y (R,) by columns (R, k), the last one of a spring.
 
-        Without the torque of a motor there is no friction among them, which are two of three.
+        With a motor torque the first two columns are those of friction. The torque sensor has no
+        friction: (4b) has two columns, a constant and the spring.
         """
         rows = self.counted[:, j]
         x = qr_factor.scaled_svd(columns[rows]).solve(y[rows])
@@ -917,9 +924,10 @@ def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tu
 
 
 def best_factors(experiment: Experiment, change: Change) -> Iterator[tuple[float, float, float]]:
-    """Yield the factor whose logarithm is the `best_value`, and usual ones near to it, if any is.
+    """Yield factors near the `best_value` of their logarithm as (factor, relative error, penalty).
 
-    Each has the relative standard error, and its penalty: a usual one is no fitted number.
+    They are the fitted one, whose penalty is 1, and the usual ones near it, which are no fitted
+    number and have none. There are none if the factor may be 1.
     """
     log_factor, error = best_value(experiment, change)
     if abs(log_factor) > max(tol.SLIGHT, tol.SURE * error):
@@ -927,10 +935,8 @@ def best_factors(experiment: Experiment, change: Change) -> Iterator[tuple[float
         yield from ((factor, error, float(factor == fitted)) for factor in near(fitted))
 
 
-_TINY, _LEAST = 1e-9, 1e-300
-
 _SCALES = 60
-"""Widths of the bodies of a robot file that are compared, see `file`."""
+"""Widths of the bodies of a robot file that are compared, see `file_cost`."""
 
 
 def stands_locked(joint: Array, motor: Array) -> bool:
@@ -1030,13 +1036,13 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Transform:
-    """A possible mistake: the experiment without it, and the finding if that explains the log.
+    """A possible mistake: the experiment `changed` to be without it, and what its finding says.
 
-    `penalty`: number of fitted values, of the log likelihood as Akaike counts them, and less than
-    one for what is unusual. `joints`: all that are concerned, where it names none or several.
-    `channels`: q, m, t and s that it multiplies. `sources` are what changes in the description of
-    the log; its lines stand before the `remedy`. `log` is the number of the log, from 0, of a
-    mistake that the others do not have.
+    `penalty` is subtracted from the gain of the log likelihood: the number of fitted values, as
+    Akaike counts them, or less than one for what is unusual. `joints` are all that are concerned,
+    where `joint` is not the only one. `channels`: q, m, t and s that it multiplies. `sources` are
+    what changes in the description of the log; its lines stand before the `remedy`. `log` is the
+    number of the log, from 0, of a mistake that the others do not have.
     """
 
     code: Code

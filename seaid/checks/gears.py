@@ -1,9 +1,9 @@
-"""What a gear and its sensors do that the drive does not have: errors, other joints and ratios.
+"""Checks of gears and their sensors: periodic errors, couplings, other ratios, delays, zeros.
 
-The errors of a gear and its encoders are periodic in the angle of the motor or of the joint: they
-are columns next to the equations of a fit, as late torques are, and zeros that are off. A motor may
-move with several joints, and the ratio of a linkage depends on the angle: before a fit, transforms
-undo it.
+In a fit they are columns next to its equations: errors that are periodic in the angle of the motor
+or the joint, late torques and positions, and zeros of encoders that are off. Before a fit they are
+transforms of the `Experiment`, which undo a wrong gear ratio, a motor that moves with several
+joints, a spring that is not declared, or a linkage whose ratio depends on the angle.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ from seaid.log.motion import POSITION_BAND
 if TYPE_CHECKING:
     from seaid.checks.columns import Side
 
+
+# In a fit, as columns next to its equations
 
 _HIGHEST = {"motor": 6, "joint": 12, "mesh": 2}
 """Highest orders that are tried, without odd ones above 6: turns and poles of the motor, turns of
@@ -138,9 +140,10 @@ def encoder_slope(experiment: Experiment, j: int) -> float:
 
 
 def other_slope(experiment: Experiment, j: int) -> float | None:
-    """Return the slope between two encoders over the gear ratio, None if it is that of the gear.
+    """Return the slope between two encoders over the gear ratio, None if the gear ratio is right.
 
-    Springs and errors of gears explain a slight difference that is not many of its errors.
+    A slight difference counts only where it is many of its standard errors: springs and errors of
+    gears explain a smaller one.
     """
     slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
     ratio, error = experiment.encoder_ratios.get(j, (math.nan, math.inf))
@@ -187,11 +190,11 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
 
 
 def can_move(experiment: Experiment, joints: Sequence[int], factor: float) -> bool:
-    """Whether joints can have moved `factor` times as far, by the median of several.
+    """Return whether joints can have moved `factor` times as far, by the median of several.
 
-    A range in degrees is 57 times smaller than it seems: a joint that seems to move by a radian
-    would hardly move. Two turns are the range of a wrist. A joint that slides moves over a part of
-    the range in the robot file.
+    The motion of a log is more than a tenth of a radian and less than two turns, the range of a
+    wrist: degrees that are read as radians are 57 times too much, and radians read as degrees 57
+    times too little. A joint that slides moves over a part of its range in the robot file.
     """
     # In a radian, or the range in the robot file: one without an end is infinite.
     ranges = np.maximum(experiment.robot.upper_limits - experiment.robot.lower_limits, _ROUNDING)
@@ -214,7 +217,11 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
 
 
 def _may_be_geared(experiment: Experiment, j: int, side: str, factor: float) -> bool:
-    """Whether the encoder of a side may be at the other: it has equal angles there, or is alone."""
+    """Return whether an encoder described at a `side` of the gear may be at the other side.
+
+    Where there are two encoders it is there if both show equal angles, without the gear; a single
+    one may be there if the joint can have moved `factor` times as far.
+    """
     if experiment.both[j]:
         slope = other_slope(experiment, j)
         return bool(slope) and abs(math.log(slope * experiment.lever[j])) < 3 * tol.SLIGHT
@@ -230,7 +237,7 @@ def _between_encoders(experiment: Experiment) -> list[int]:
 
 
 def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
-    """Return the joints whose encoders step against each other in a log, and it without the steps.
+    """Return the findings of joints whose encoders step in a log, and the experiment without steps.
 
     A step stands out next to the deflection of a spring and to a drift in time, which is no step.
     """
@@ -240,7 +247,7 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     last = float(np.max(experiment.time)) + 1  # the low pass takes less from the end of a log
     findings, motor, counted = list[Finding](), experiment.motor.copy(), experiment.counted.copy()
     for j in _between_encoders(experiment):
-        # the rotor again: a step in the motor equation (7) spoils an inertia that it gives
+        # The rotor has a column of its own, because a step spoils the inertia that (7) gave it.
         deflection = [experiment.deflection(j), experiment.motor[2][:, j]]
         span = scaled_svd(np.column_stack([logs, logs * experiment.time, *deflection])).spans
         X = np.column_stack([steps, experiment.apart[:, j]])
@@ -269,7 +276,7 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
 
 
 def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
-    """Yield joints of whose motion much is between the encoders, and no deflection explains it."""
+    """Yield the joints whose encoders show two motions, of which no deflection explains one."""
     for j in _between_encoders(experiment):
         part, joint = float(experiment.of_encoders[j]), experiment.robot.joint_names[j]
         if part > tol.SEVERE and np.ptp(experiment.turned[0][:, j]) > tol.LEAST_SWING:
@@ -414,7 +421,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
             continue
         deflection = experiment.deflection(j)
         if deflection.size:
-            # What (7) with the constant ratio explains by the rotor is determined anew.
+            # The rotor has a column of its own: (7) with a constant ratio gave it a wrong inertia.
             deflection = np.column_stack([experiment.motor[2][:, j], deflection])
         x, covariance = _varied(q, experiment.apart[:, j], deflection)
         # The ratio over N is the derivative of q + e q + c cos q + s sin q: 1 + e - c sin q
@@ -499,7 +506,7 @@ def torque_channel(side: Side, joint: str) -> str:
 
 
 def _slope(side: Side, joint: str) -> Array:
-    """Return -tau' (R, 1) at the rows, without what friction and rotor of another drive explain."""
+    """Return -tau' (R, 1) at the rows, less the part that friction and a rotor may explain."""
     slope, alike = side.once(late_columns, joint)
     # The multiples of `alike` that explain most of the slope next to the columns of the fit (Frisch
     # and Waugh 1933) are subtracted: the coefficient of the rest is still the delay.
@@ -508,10 +515,10 @@ def _slope(side: Side, joint: str) -> Array:
 
 
 def late_columns(side: Side, joint: str) -> tuple[Array, Array]:
-    """Return -tau' (R, 1) of a torque at the rows, and what resembles it in another drive (R, c).
+    """Return -tau' (R, 1) of a torque at the rows, and columns (R, c) that resemble it.
 
-    Friction that changes gradually near reversals resembles an early torque. What is in the model
-    already is zero.
+    They are those of friction and a rotor that the drive may lack: friction that changes gradually
+    near reversals resembles an early torque. Columns that the model has already are zero.
     """
     rows, drive, index = side.drive(joint), side.robot.drives[joint], side.robot.index(joint)
     is_ideal, channel = drive == IDEAL_DRIVE, torque_channel(side, joint)
@@ -558,9 +565,10 @@ def late_channels(
 ) -> Finding:
     """Return the finding that {joint: channel}, of one kind, are late, or early.
 
-    `value` is their delay [s] and its standard error; it explains the `share` of a residual.
-    It matters by the part [s] of it that is `surely` there: of one joint what is beyond its error,
-    of many all, because how they differ is in the error already.
+    `value` is their delay [s] and its standard error; it explains the `share` of a residual. The
+    finding is a doubt, and not a note, if `surely` [s] is above the least delay that matters. Of
+    one joint that is what exceeds `SURE` standard errors; of a delay common to many joints it is
+    the whole, because their scatter is in the standard error already.
     """
     delay, error = value
     earlier = partial(changed_source, delay_s=round(delay, 5))
@@ -607,10 +615,10 @@ def common_delay(selected: Sequence[tuple[Side, engine.Selection]]) -> Finding |
 
 
 def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, float]]:
-    """Return the delay of each motor torque [s], and its standard error, all at once.
+    """Return the delay of each motor torque [s], and its standard error, by one fit of all.
 
-    They are next to what was accepted but for delays: a torque that is late spoils the bodies, and
-    with them the other joints.
+    The fit has the accepted columns other than delays. All delays are fitted at once, because a
+    torque that is late spoils the bodies, and with them the other joints.
     """
     joints = [joint for joint in side.joints if torque_channel(side, joint)]
     if not joints:
@@ -706,7 +714,8 @@ def _zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> 
     """
     (next_to_others,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
     offset = next_to_others
-    if abs(offset) > tol.SURE * side.offset_std:  # else its effect is linear, and in the errors
+    # The effect of a smaller offset is linear, and the errors contain it.
+    if abs(offset) > tol.SURE * side.offset_std:
         offset, error = _searched_zero(side, joint)
     is_sure = abs(offset) >= tol.SIGNIFICANT * error and error <= tol.POOR
     if not is_sure or abs(offset) > np.pi or offset * next_to_others < 0:

@@ -138,7 +138,7 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     counts &= np.array([[kind in _DIRECT] for kind in kinds])
     shown = float(np.sum(np.where(counts, gains, 0.0))) if falls or is_value else 0.0
     direct = sum(before.cost(kind, rows) - changed.cost(kind, rows) for kind in _DIRECT)
-    bodies_of_file = before.file - changed.file
+    bodies_of_file = before.file_cost - changed.file_cost
     return _Trial(before, transform, falls, min(direct, shown), direct, bodies_of_file)
 
 
@@ -148,7 +148,7 @@ def _is_contradicted(before: Experiment, transform: Transform) -> bool:
     That of nominal bodies may grow by factors on channels with which a file explains more.
     """
     changed = transform.changed
-    is_by_file = bool(transform.channels) and changed.file < before.file
+    is_by_file = bool(transform.channels) and changed.file_cost < before.file_cost
     for kind in _DIRECT if is_by_file else KINDS:
         x, y = (np.maximum(getattr(each, kind), tol.FEW) for each in (before, changed))
         losses = before.independent_rows * np.log(y / x)
@@ -220,7 +220,7 @@ def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) ->
     for transform in transforms(experiment, possible, notes):
         with guarded(transform.code, notes):
             changed = transform.changed
-            cost = changed.file if experiment.has_bodies else changed.cost("free", rows)
+            cost = changed.file_cost if experiment.has_bodies else changed.cost("free", rows)
             cost += sum(changed.cost(kind, rows) for kind in _DIRECT[1:])
             # one of several mistakes repairs its joints, while others still contradict the file
             nominal = changed.cost("nominal", rows) + transform.penalty

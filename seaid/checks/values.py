@@ -1,7 +1,7 @@
 """What estimated values show: errors that are large, signs that cannot be, and doubtful noise.
 
-An estimate has numbers only. Of a drive they are those of its equations: a stiffness is that
-between the encoders.
+Estimates and fits come in, findings go out. The values of a drive are those of its equations: its
+stiffness is that between the encoders.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from seaid.robot.inertia import THIN
 if TYPE_CHECKING:
     from seaid.checks.experiment import Experiment
 
-# Two ways of the same fit
+# Two estimates of the same parameters
 
 
 def disagreement(
@@ -63,8 +63,8 @@ def disagreement(
 def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[Finding]:
     """Yield the equations without a known torque, if they pull the parameters to zero.
 
-    To first order they reduce all parameters by their part of |W H theta|^2: noise in their columns
-    is all that they contain.
+    These equations have next to no torque, and columns of nothing but noise. To first order they
+    reduce all parameters by their part of |W H theta|^2.
     """
     factor, theta = fit.qr_factor, fit.estimate.values
     # The model fits these equations worse than zero parameters do.
@@ -116,7 +116,7 @@ def noise_findings(estimate: Estimate) -> Iterator[Finding]:
 
 
 def _drifts(shown: Diagnostics) -> Iterator[Finding]:
-    # Those below are in the standard errors all the same.
+    # Drifts with a smaller ratio are not reported; the standard errors contain them too.
     for drift in (drift for drift in shown.drifts if drift.ratio > tol.FAR):
         time_s = 1 / (2 * math.pi * drift.corner_hz)
         evidence = {"share of the torque": drift.share, "corner_hz": drift.corner_hz}
@@ -142,8 +142,8 @@ def instruments_of_stiff_drives() -> Finding:
 def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> Iterator[Finding]:
     """Yield notes on a regression: poor combinations, needless terms, and correlated residuals.
 
-    `place` and `side` are its words, with its joint and without; `joint` is that of its terms, ""
-    if they name their own.
+    `place` names the regression in words with its joint, `side` without; `joint` is that of its
+    terms, "" if their names contain it.
     """
     for text in checks.poorly_determined:
         yield CODES["poorly-determined"].note(f"{place}: {text}")
@@ -170,19 +170,20 @@ _ZEROS = (
 """Parameters whose true value may be zero, so that a relative error is meaningless."""
 
 _CONSTANTS = (*MOTOR_CONSTANTS.values(),)
-"""Motor constants: of one that the load or a sensor gives, (7) has the ratio to the stiffness."""
+"""Motor constants K: where the load or a sensor determines one, (7) has the stiffness over it."""
 
 _POSITIVE = {name for name, kind in PARAMETERS.items() if kind.is_positive}
 """Parameters that are not negative in a drive."""
 
 _OF_TORQUE = (*_CONSTANTS, "stiffness")
-"""Parameters whose sign is that of a channel."""
+"""Parameters that are negative where a channel of the log has the opposite sign."""
 
 
 def _values(joint: str, estimate: Estimate) -> Iterator[tuple[str, str, dict[str, float]]]:
-    """Yield the parameters that are not zero in a drive of this kind.
+    """Yield the parameters of a drive whose true value is not zero.
 
-    They are (name, that in words, value and standard error as the evidence of a finding).
+    They are (name, name in words, {"value": value, "standard error": error}), the last one as the
+    evidence of a finding.
     """
     columns = estimate.values.tolist(), estimate.standard_errors.tolist()
     for name, value, error in zip(estimate.names, *columns, strict=True):
@@ -192,7 +193,7 @@ def _values(joint: str, estimate: Estimate) -> Iterator[tuple[str, str, dict[str
 
 
 _NONLINEAR = {"deflection_zero", "cubic_stiffness", "fifth_stiffness", "hysteresis_force"}
-"""Parameters of springs that are not k times the deflection and an offset; of a dead zone, too."""
+"""Parameters of springs whose force is not linear in the deflection, dead zones included."""
 
 
 def _weak(estimate: Estimate, qr_factor: QRFactor | None) -> list[str]:
@@ -216,7 +217,7 @@ def _weak(estimate: Estimate, qr_factor: QRFactor | None) -> list[str]:
     about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]
     # amplitude of the sinusoid with the same root mean square
     swing = np.sqrt(2.0 / qr_factor.count) * abs(about_mean * estimate.value("stiffness"))
-    constant = _scattering(estimate)
+    constant = _scattering_constant(estimate)
     name = constant or "stiffness"
     value, unit = estimate.value(name), estimate.units[estimate.names.index(name)]
     # (7) has k / K: a stiffness that is too small is a motor constant that is too large.
@@ -227,11 +228,11 @@ def _weak(estimate: Estimate, qr_factor: QRFactor | None) -> list[str]:
     ]
 
 
-def _scattering(estimate: Estimate) -> str:
-    """Return the motor constant, if its error is that of the stiffness in (7); else "".
+def _scattering_constant(estimate: Estimate) -> str:
+    """Return the motor constant with a larger relative error than the stiffness, "" without one.
 
-    Of a constant K that the load or a torque sensor gives, (7) has the stiffness k_1 = k / K: where
-    the load has k, it is K that scatters.
+    For a constant K that the load or a torque sensor determines, (7) has the stiffness k_1 = k / K.
+    Where k is known from the load, noise in the deflection is in K.
     """
     sizes = dict(zip(estimate.names, estimate.relative_standard_errors, strict=True))
     constants = [name for name in _CONSTANTS if sizes.get(name, 0.0) > sizes["stiffness"]]
@@ -248,8 +249,8 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
         if error > tol.POOR * abs(value):
             share = f"standard error {error / abs(value):.0%}" if value else "value zero"
             reasons = [share, *reasons]
-        if is_weak and _scattering(estimate):
-            constant = readable(ParameterName(_scattering(estimate), joint))
+        if is_weak and _scattering_constant(estimate):
+            constant = readable(ParameterName(_scattering_constant(estimate), joint))
             text = f"{constant}, and with it friction and rotor inertia,"
         if reasons:
             code = CODES["weak-spring"] if is_weak else CODES["poorly-identified"]
@@ -487,7 +488,7 @@ def _payloads_removed(robot: Robot, program: Program) -> Iterator[tuple[str, Pro
             f"the payload of {payloads[body, 0]:.4g} kg on {robot.body_names[body]}"
             for body in bodies
         )
-        # the bodies have the torque of the payloads then
+        # Without the payloads their torque is one of the bodies.
         propagated = program.columns[:, : payloads.size] @ removed.ravel()
         without = replace(program, estimate=program.estimate + propagated)
         yield f"{each}: check that it is on the robot, its mass and its place", without

@@ -92,7 +92,7 @@ class LongLog(Display):
         return next(self.motions())[0]
 
     def motions(self) -> Iterator[tuple[Motion, float, float]]:
-        """Yield the motion of each part, overlap included, and its time span, as `pieces` does."""
+        """Yield the motion of each part, overlap included, and its time span [start, end) [s]."""
         first_s = None
         samples = self.chunk_samples, self.overlap_samples
         for part, start_s, end_s in iterate_log(self.path, self.robot, *samples):
@@ -149,7 +149,9 @@ def open_long_log(
     if cutoff_hz is None:
         motion = reconstruct_motion(robot, first)
         cutoff_hz, processing = motion.cutoff_hz, motion.processing
-        if processing is not None:  # the rest before the motion has no say, but its rows stay
+        # The cutoff was selected without the rest at the ends of this piece. Its rows stay in the
+        # log, so that the exclusion of the rest is none of the repairs.
+        if processing is not None:
             processing = replace(processing, repairs=first.report)
     rate_hz = (len(first.time) - 1) / (first.time[-1] - first.time[0])
     check_cutoff(cutoff_hz, rate_hz)

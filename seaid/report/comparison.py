@@ -146,8 +146,8 @@ def comparison_of(
     Examples
     --------
     >>> cold, warm = (seaid.identify(robot, log) for log in (cold_log, warm_log))
-    >>> for one in seaid.report.comparison_of(cold, warm).differences:
-    ...     print(one.text, one.first, one.second, one.significance)
+    >>> for difference in seaid.report.comparison_of(cold, warm).differences:
+    ...     print(difference.text, difference.first, difference.second, difference.significance)
     """
     old, new = _estimates(first), _estimates(second)
     pairs = list(_pairs(old, new))
@@ -197,6 +197,10 @@ def _only(first: _Estimates, second: _Estimates) -> tuple[str, ...]:
 
 
 def _differences(joint: str, old: Estimate, new: Estimate) -> Iterator[Difference]:
+    """Yield the difference of each parameter, not yet marked as significant, with its p-value.
+
+    `old` and `new` have the same names in the same order.
+    """
     errors = np.array([old.standard_errors, new.standard_errors])
     change, variances = new.values - old.values, errors**2
     variance = variances.sum(axis=0)
@@ -205,7 +209,8 @@ def _differences(joint: str, old: Estimate, new: Estimate) -> Iterator[Differenc
     with np.errstate(divide="ignore", invalid="ignore"):
         # Welch and Satterthwaite: (s1^2 + s2^2)^2 / (s1^4 / nu1 + s2^4 / nu2)
         freedom = 1 / np.sum((variances / variance) ** 2 / freedoms, axis=0)
-        # Both are normal if it is infinite, which 1e12 are to double precision.
+        # Student's distribution is normal for infinite degrees of freedom; to double precision it
+        # is so for 1e12, which `stdtr` accepts.
         p_values = 2 * stdtr(np.minimum(freedom, 1e12), -np.abs(change) / np.sqrt(variance))
     # Where neither has a standard error only equal values do not differ.
     p_values = np.where(variance == 0, np.where(change == 0, 1.0, 0.0), p_values)
@@ -215,7 +220,10 @@ def _differences(joint: str, old: Estimate, new: Estimate) -> Iterator[Differenc
 
 
 def _group_test(old: Estimate, new: Estimate) -> GroupTest:
-    """Return d' (C1 + C2)^-1 d of the differences d, with their covariances."""
+    """Return the chi-square test d^T (C1 + C2)^-1 d of the differences d of two estimates.
+
+    C1 and C2 are their covariances. Without a usable parameter its values are NaN.
+    """
     change = new.values - old.values
     covariance = old.covariance + new.covariance
     # A parameter without a variance (unidentifiable, or exactly zero) would decide the test alone.
@@ -223,7 +231,8 @@ def _group_test(old: Estimate, new: Estimate) -> GroupTest:
     if not np.any(usable):
         return GroupTest(nan, 0, nan)
     scale = np.sqrt(np.diag(covariance)[usable])
-    # Of the correlation matrix, by its rank: with a singular one the degrees of freedom are fewer.
+    # The correlation matrix is decomposed. Where it is singular, its rank is smaller than the
+    # number of parameters, and is the degrees of freedom.
     solved = scaled_svd(covariance[np.ix_(usable, usable)] / np.outer(scale, scale))
     scores = change[usable] / scale
     chi_square = float(scores @ solved.solve(scores))

@@ -75,14 +75,16 @@ SCALE_SPREAD = 0.05
 """Relative error of the scale between a position and an integrated velocity, by noise, or between
 two encoders, by the deflection of a spring."""
 
-_TURNS_FAR_RAD = 0.5
-"""A motion this far, if it were in degrees, is none that anybody identifies a robot from."""
+_LEAST_RANGE = 0.5
+"""Range of the numbers of a position that is a motion: a smaller one, in degrees, would be so small
+that nobody identifies a robot from it."""
 
 _BEYOND = 0.2
 """Share of the range of a joint by which encoders exceed the limits in its file."""
 
 _FEW, _WHOLE = 8, 20.0
-"""Distinct whole numbers of a state; range of whole numbers that are raw values of a drive."""
+"""Most distinct whole numbers of a state such as a mode; range from which whole numbers without a
+unit are raw values of a drive."""
 
 POSITION_FACTORS = {**UNIT_FACTORS["rad"], **UNIT_FACTORS["m"]}
 """Factors of the units of positions to rad or m; counts have none that is known."""
@@ -136,8 +138,8 @@ class Inference:
     def commands(self, joint: str, quantity: str = "position") -> list[str]:
         """Return the columns with a commanded quantity of a joint.
 
-        A name that says only "command" is one of the position if a joint with a loop of the
-        position moves as measured under it.
+        A column whose name has only "command" is a position command if a position of the joint
+        follows it.
         """
         label = joint.removesuffix("_joint")
         unnamed = self.logged("") if quantity == "position" else {}
@@ -166,9 +168,10 @@ class Inference:
         return values[np.isfinite(values)]
 
     def has_one_sign(self, name: str) -> bool:
-        """Return whether a voltage is that of a supply, or a duty cycle none of a motor.
+        """Return whether the samples of a voltage or a duty cycle have one sign.
 
-        A motor that moves needs both signs.
+        The voltage of a motor that moves has both signs; that of a supply has one, and so have the
+        pulses of a servo.
         """
         return not np.min(self.finite(name)) < 0 < np.max(self.finite(name))
 
@@ -199,8 +202,8 @@ class Inference:
         return bool(limits[0] - more <= np.min(values) and np.max(values) <= limits[1] + more)
 
     def is_far(self, column: str) -> bool:
-        """Return whether a position moves too far in its numbers for these to be degrees."""
-        return float(np.ptp(self.finite(column))) >= _TURNS_FAR_RAD
+        """Return whether a position moves by half a unit or more: in degrees less is hardly any."""
+        return float(np.ptp(self.finite(column))) >= _LEAST_RANGE
 
     @cached_property
     def _by_meaning(self) -> dict[tuple[str, str, Role], list[str]]:
