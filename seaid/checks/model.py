@@ -335,18 +335,15 @@ def model_findings(
     findings = _without_late_encoders(selected)
     mistakes = [finding for finding in known if finding.severity != "note"]
     spoiling = [finding for finding in mistakes if CODES[finding.code].kind == "cause"]
-    findings = notes_beside(spoiling, findings, any(map(_is_of_robot, spoiling)))
+    # a mistake of no joints, as a clock or a tilt, that is certain
+    is_whole = any(x.certainty == "certain" and not (x.joint or x.joints) for x in spoiling)
+    findings = notes_beside(spoiling, findings, is_whole)
     findings = _with_common_delay(findings, selected, mistakes)
     if any(not finding.joint for finding in mistakes):
         # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
         zero = "encoder-offset"
         findings = [replace(x, severity="note") if x.code == zero else x for x in findings]
     return [*findings, *dict.fromkeys(chain.from_iterable(side.notes for side in selected))]
-
-
-def _is_of_robot(mistake: Finding) -> bool:
-    """Whether a mistake is of no joints, as a clock or a tilt, and certain."""
-    return not mistake.joint and not mistake.joints and mistake.certainty == "certain"
 
 
 def _without_late_encoders(selected: Sequence[SideSelection]) -> list[Finding]:

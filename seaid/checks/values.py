@@ -372,15 +372,15 @@ def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
         )
 
 
-def sure_offsets(drives: Mapping[str, Estimate]) -> dict[str, tuple[float, float]]:
-    """Return {joint: constant error of its motor torque and standard error} of what is no chance.
+def sure_offsets(drives: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Return {joint: constant error of its motor torque} of those that are no chance.
 
     Of springs the load side has a column of it. `drives` are the estimates by joint.
     """
-    name = "torque_offset"
-    with_one = ((joint, x) for joint, x in drives.items() if name in x.names)
-    offsets = {joint: (x.value(name), x.standard_error(name)) for joint, x in with_one}
-    return {joint: x for joint, x in offsets.items() if abs(x[0]) > tol.SURE * x[1]}
+    name, level = "torque_offset", 1 - tol.FEW * tol.POOR  # one in a thousand is chance
+    offsets = {joint: x.of_names([name]) for joint, x in drives.items() if name in x.names}
+    # both ends of the interval have one sign
+    return {joint: x for joint, x in offsets.items() if np.prod(x.interval(level)) > 0}
 
 
 def offset_findings(drives: Mapping[str, Estimate], experiment: Experiment) -> Iterator[Finding]:
@@ -388,15 +388,17 @@ def offset_findings(drives: Mapping[str, Estimate], experiment: Experiment) -> I
 
     That is the whole torque, of known bodies too. So `drives` have the errors of what was given.
     """
-    for joint, (value, error) in sure_offsets(drives).items():
-        j = experiment.robot.index(joint)
-        # The rms torque on the load, divided by N r_L / r_M: that at the motor.
-        torque = float(np.sqrt(np.mean(experiment.target[:, j] ** 2)) / experiment.lever[j])
+    for joint, offset in sure_offsets(drives).items():
+        (value,), (error,) = offset.values.tolist(), offset.standard_errors.tolist()
+        j, lever = experiment.robot.index(joint), experiment.robot.drives[joint].load_radius
+        k, force = (drives[joint].value(x) for x in ("stiffness", "spring_offset"))
+        # (4b): r_L (k r_L (r_M / (N r_L) theta_M - q) + f_0), over N r_L / r_M that at the motor.
+        torques = lever * (k * lever * experiment.apart[:, j] + force) / experiment.lever[j]
+        torque = float(np.sqrt(np.mean(torques**2)))
         if not abs(value) < tol.FEW * torque:
             yield CODES["torque-offset"].finding(
-                f"the motor torque of {joint} has a constant error of {value:.2g} N m "
-                f"({abs(value) / torque:.0%} of the torque on its spring at the motor), which the "
-                "estimates allow for",
+                f"the motor torque of {joint} has a constant error of {value:.2g} N m, "
+                f"{abs(value) / torque:.0%} of that on its spring, which the estimates allow for",
                 joint,
                 "doubtful" if abs(value) > tol.RARE * torque else "note",
                 {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
