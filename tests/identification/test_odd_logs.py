@@ -58,9 +58,7 @@ def log_of(angle: Array, time: Array = TIME, **sensors: Array) -> Log:
 
 @pytest.mark.parametrize("sensor", ["joint_position", "motor_torque", "joint_torque"])
 def test_one_absurd_sample_and_a_time_in_another_unit_are_named(sensor: str) -> None:
-    place = (
-        rf"column 'hinge.{sensor}.*' has .* in sample 700 \(t = 3.5 s\), allowed is up to 1e\+12"
-    )
+    place = rf"column 'hinge.{sensor}.*' has .* in sample 700, allowed is up to 1e\+12"
     for value in (1e155, -1e300, 2e12):
         odd = np.where(np.arange(len(TIME)) == 700, value, ANGLE)
         with pytest.raises(LogError, match=place):
