@@ -24,20 +24,12 @@ from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
+from seaid import errors
 from seaid._arrays import Array, FrozenMapping, is_constant
 from seaid._files import read_toml, toml_table, toml_text
 from seaid.checks import tolerances as tol
 from seaid.drives import total_ratio
-from seaid.errors import (
-    SEVERITIES,
-    Certainty,
-    Finding,
-    SeaidError,
-    Severity,
-    by_severity,
-    listed,
-    reason_of,
-)
+from seaid.errors import Certainty, Finding, SeaidError, Severity, by_severity, listed
 from seaid.log import Log
 from seaid.log.description import as_toml, changed_source
 from seaid.robot import Robot
@@ -142,7 +134,7 @@ def guarded(code: Code, findings: list[Finding]) -> Iterator[None]:
     try:
         yield
     except Exception as problem:  # the fit stands, whatever a check meets
-        text = f"the check '{code.name}' could not be made: {reason_of(problem)}"
+        text = f"the check '{code.name}' could not be made: {errors.reason_of(problem)}"
         findings.append(code.note(text))
 
 
@@ -429,7 +421,7 @@ def _brings(cause: Finding, symptom: Finding) -> bool:
         return False
     joints, evidence = joints_of([cause]), cause.evidence
     is_there = not joints or not symptom.joint or symptom.joint in joints
-    is_worse = SEVERITIES.index(symptom.severity) < SEVERITIES.index(cause.severity)
+    is_worse = errors.SEVERITIES.index(symptom.severity) < errors.SEVERITIES.index(cause.severity)
     if not {EXPLAINED, OF_MOTOR} & {*evidence}:
         return is_there or (AS_GIVEN in evidence and not is_worse)
     explained = evidence.get(EXPLAINED, 0.0 if is_worse else evidence.get(OF_MOTOR, 0.0))

@@ -510,13 +510,13 @@ class Experiment:
             misfit[j] = float(np.std(apart)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
         return misfit
 
-    def by_torque(self, j: int) -> Array:
-        """Return columns (R, 3) of a deflection by the torque of motor j but for its friction."""
-        return np.column_stack([self.friction[j][:, :2], self.target[:, j]])
-
     def deflection(self, j: int) -> Array:
-        """Return columns (R, k) of the deflection of a spring, none of a stiff joint j."""
-        return self.by_torque(j) if j in self._elastic else np.empty((len(self.target), 0))
+        """Return columns (R, k) of the deflection of a spring, none of a stiff joint j.
+
+        It is by the torque of its motor but for friction.
+        """
+        columns = np.column_stack([self.friction[j][:, :2], self.target[:, j]])
+        return columns if j in self._elastic else columns[:, :0]
 
     @derived("torque", "sensed")
     def has_both_torques(self) -> BoolArray:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from seaid.drives import IDEAL_DRIVE, AngleRatio
 from seaid.drives.angle_ratio import Ratios
 from seaid.errors import Finding, listed
 from seaid.estimation.least_squares import settled_weights
-from seaid.estimation.qr_factor import qr_factor_of, scaled_svd
+from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
 from seaid.log import Motion, low_pass
 from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
@@ -380,34 +380,78 @@ def _against_another_link(
 
 def undeclared_springs(experiment: Experiment) -> Iterator[Transform]:
     """Yield springs of joints whose drives are given as stiff, of each and of all together."""
-    # a drive without a spring has no motor equation of its own
-    names, stiff = experiment.robot.joint_names, np.isnan(experiment.of_motors)
-    springs = {j: x for j in experiment.used if stiff[j] and (x := _spring(experiment, j))}
+    springs = {j: x for j, x in _springs(experiment) if experiment.of_encoders[j] > tol.FEW}
     for joints in dict.fromkeys([*((j,) for j in springs), tuple(springs)]):
-        stiffness, motor = dict[str, float](), experiment.motor.copy()
-        for j in joints:
-            stiffness[names[j]] = springs[j][0]
-            motor[0, :, j] -= springs[j][1]
-        values = (f"{joint} by {k:.3g} N m/rad" for joint, k in stiffness.items())
-        yield Transform(
-            codes.CODES["gear-compliance"],
-            "the encoders move apart in proportion to the torque, as on both sides of a spring "
-            f"({listed(values)}), and the drives are given as stiff",
-            experiment.with_changes(motor=motor),
-            codes.only_joint([*stiffness]),
-            codes.in_drives({(joint,): 'type = "series_elastic"' for joint in stiffness}),
-            evidence={f"stiffness of {joint}": k for joint, k in stiffness.items()},
-            penalty=float(len(joints)),
-        )
+        yield _declared(experiment, {j: springs[j] for j in joints})
 
 
-def _spring(experiment: Experiment, j: int) -> tuple[float, Array] | None:
-    """Return the stiffness between the encoders of joint j, and what deflects its motor (R,)."""
-    H = with_constant(experiment.by_torque(j))
-    x = scaled_svd(H).solve(experiment.apart[:, j])
-    is_shown = experiment.of_encoders[j] > tol.FEW and not experiment.robot.is_prismatic[j]
-    # k apart = tau - friction: the last column is the torque
-    return (1 / float(x[-1]), experiment.lever[j] * (H @ x)) if is_shown and x[-1] > 0 else None
+def small_springs(experiment: Experiment) -> Iterator[Finding]:
+    """Yield springs of drives given as stiff that deflect little next to the motion of the joint.
+
+    They leave nothing that counts between the encoders. As in `seaid init`, it is a spring if the
+    torque explains most of what the encoders differ by, however small that is next to the motion.
+    """
+    for j, spring in _springs(experiment):
+        apart, declared = float(np.ptp(spring.deflection)), _declared(experiment, {j: spring})
+        if spring.explained > tol.MOST and apart > tol.LEAST_OFFSET:
+            text = f"{declared.message}: the torque explains {spring.explained:.0%} of the squared "
+            text += f"angle between the encoders of {declared.joint}, up to {1e3 * apart:.3g} mrad"
+            of_spring = declared.code.finding(text, declared.joint, evidence=declared.evidence)
+            yield replace(of_spring, remedy=declared.remedy)
+
+
+def _declared(experiment: Experiment, springs: Mapping[int, _Spring]) -> Transform:
+    """Return the transform of drives that have springs and are given as stiff."""
+    names, motor = experiment.robot.joint_names, experiment.motor.copy()
+    for j, spring in springs.items():
+        motor[0, :, j] -= experiment.lever[j] * spring.deflection
+    text = [f"{names[j]} by {x.stiffness:.3g} +- {x.error:.2g} N m/rad" for j, x in springs.items()]
+    return Transform(
+        codes.CODES["gear-compliance"],
+        "the encoders move apart in proportion to the torque, as on both sides of a spring "
+        f"({listed(text)}), and the drives are given as stiff",
+        experiment.with_changes(motor=motor),
+        codes.only_joint([names[j] for j in springs]),
+        codes.in_drives({(names[j],): 'type = "series_elastic"' for j in springs}),
+        evidence={f"stiffness of {names[j]}": x.stiffness for j, x in springs.items()},
+        penalty=float(len(springs)),
+    )
+
+
+class _Spring(NamedTuple):
+    """What the torque explains of the angle between two encoders, as the spring (4b) does.
+
+    `stiffness` and its `error` [N m/rad] at the joint, its `deflection` (R,) with that by friction,
+    and the part of the squared angle that is `explained`.
+    """
+
+    stiffness: float
+    error: float
+    deflection: Array
+    explained: float
+
+
+def _springs(experiment: Experiment) -> Iterator[tuple[int, _Spring]]:
+    """Yield joints with both encoders whose drives are given as stiff, and what looks like springs.
+
+    A ratio that is off, encoders that are late, zeros of a log and an unknown rotor are no spring:
+    what they explain of the angle between the encoders is not of the torque.
+    """
+    zeros = np.equal.outer(experiment.log, np.unique(experiment.log)[1:])
+    # a drive without a spring has no motor equation of its own
+    stiff = np.isnan(experiment.of_motors) & experiment.both
+    for j in (j for j in experiment.used if stiff[j] and not experiment.robot.is_prismatic[j]):
+        # k apart = tau - friction: the torque, and friction with the constant of both encoders
+        of_spring = [experiment.target[:, j], experiment.friction[j]]
+        of_motion = [experiment.turned[0][:, j], experiment.motor[2][:, j], zeros]
+        columns, apart = np.column_stack([*of_spring, *of_motion]), experiment.apart[:, j]
+        rows = experiment.counted[:, j]
+        x, covariance = fitted(columns[rows], apart[rows])
+        without, left = residual_of(apart[rows], columns[rows, 1:]), (apart - columns @ x)[rows]
+        if x[0] > 0:
+            explained = 1 - float(left @ left) / max(float(without @ without), _LEAST)
+            error, deflection = math.sqrt(covariance[0, 0]) / x[0] ** 2, columns[:, :4] @ x[:4]
+            yield j, _Spring(1 / float(x[0]), float(error), deflection, explained)
 
 
 def linkages(experiment: Experiment) -> Iterator[Transform]:
@@ -545,8 +589,8 @@ def late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     return -rows.at_rows([*map(slope_in, side.motions)]), alike
 
 
-_ROUNDING = 1e-3
-"""Part of a column that rounding leaves of one that is in the model already."""
+_ROUNDING, _LEAST = 1e-3, 1e-300
+"""Part of a column that rounding leaves of one that is in the model already; least divisor."""
 
 
 def _is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:

@@ -83,9 +83,13 @@ def _in_friction(side: Side, joint: str, of_each: Array, is_free: BoolArray) -> 
     return _of_logs(side, joint, cause, explained, scores, remedy)
 
 
+Scores = Mapping[ParameterName, float]
+"""{parameter: value over its standard error}."""
+
+
 def _explained_by(
     equation: engine.Equation, columns: Array, kept: BoolArray
-) -> tuple[float, dict[ParameterName, float], dict[ParameterName, float]]:
+) -> tuple[float, Scores, Scores]:
     """Return the part of the squared residual that columns explain, and {name: largest score}.
 
     The columns (R, k p) are those of the p `kept` parameters, of one log after the other. A score
@@ -105,12 +109,7 @@ def _explained_by(
 
 
 def _of_logs(
-    side: Side,
-    joint: str,
-    cause: str,
-    explained: float,
-    scores: Mapping[ParameterName, float],
-    remedy: str | None = None,
+    side: Side, joint: str, cause: str, explained: float, scores: Scores, remedy: str | None = None
 ) -> Finding:
     """Return the finding of logs that differ, with the values that do so most."""
     worst = sorted(scores, key=scores.__getitem__)[:-4:-1]
@@ -267,8 +266,7 @@ def without_echoes(
     drift may be gone: it was an echo of what the model lacks, which is as severe.
     """
     above = {(x.code, x.joint): x for x in values if x.severity != "note"}
-    vanished: set[tuple[str, str]] = set()
-    sides = []
+    vanished, sides = set[tuple[str, str]](), list[SideSelection]()
     for side in selected:
         if side.doubtful or (side.findings and above):
             gone = side.vanished(cutoff_hz)

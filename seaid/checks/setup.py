@@ -24,20 +24,9 @@ import numpy as np
 from scipy.special import chdtri
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.checks import bodies, channels, commands, gears
+from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import (
-    AS_GIVEN,
-    CODES,
-    Code,
-    Observation,
-    Source,
-    guarded,
-    in_drives,
-    observed,
-    only_joint,
-    undecided,
-)
+from seaid.checks.codes import CODES, Code, Observation, Source, guarded, in_drives, observed
 from seaid.checks.experiment import (
     KINDS,
     SHORTLIST,
@@ -247,7 +236,7 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
     if best.falls:
         kind, j = min(best.falls, key=best.falls.__getitem__)
         before, after = (float(x.misfits[kind][j]) for x in (best.before, transform.changed))
-        evidence |= {AS_GIVEN: before, "misfit without it": after}
+        evidence |= {codes.AS_GIVEN: before, "misfit without it": after}
         message += (
             f": the part of the {KINDS[kind][1]} of {best.before.robot.joint_names[j]} that "
             f"is left unexplained falls from {before:.0%} to {after:.0%}"
@@ -267,7 +256,7 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
         message, transform.joint, severity, evidence, transform.lines, certainty, transform.joints
     )
     others = {(x.transform.code, x.transform.message): best.total - x.total for x in rivals}
-    return undecided(finding, others) if others else finding
+    return codes.undecided(finding, others) if others else finding
 
 
 def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
@@ -632,7 +621,7 @@ def _behind_gears(experiment: Experiment, joints: Sequence[int], factor: float) 
     text = f"{subject(experiment, joints, 't')} are measured behind the gear, and not at the motor"
     changed = experiment.with_changes(torque=torque, sensed=sensed)
     remedy = '# or, if they are computed from currents: motor_torque = {..., side = "joint"}'
-    of_all = CODES["unit"], text, changed, only_joint([*sources]), remedy
+    of_all = CODES["unit"], text, changed, codes.only_joint([*sources]), remedy
     return Transform(*of_all, evidence={"factor": factor}, sources=sources)
 
 
@@ -920,6 +909,7 @@ def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Findin
 _BEYOND_LIMITS = Observation(CODES["unit"], channels.limit_findings)
 _OF_REST = (
     Observation(CODES["loose-encoder"], gears.unlike_motions),
+    Observation(CODES["gear-compliance"], gears.small_springs),
     Observation(CODES["nominal-values"], bodies.file_findings),
 )
 """What is found next to all mistakes."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -193,10 +193,10 @@ def torque_at_motor(angle: np.ndarray) -> np.ndarray:
     return np.asarray(ROTOR * acceleration + VISCOUS * speed + COULOMB * np.sign(speed))
 
 
-def sprung(columns: Columns) -> Columns:
-    """Return columns of an arm with springs of 200 and 100 N m/rad behind the last two gears."""
+def sprung(columns: Columns, times: float = 1.0) -> Columns:
+    """Return columns of an arm with springs of 200 and 100 N m/rad, or more, behind two gears."""
     found = dict(columns)
-    for joint, stiffness in (("elbow", 200.0), ("wrist", 100.0)):
+    for joint, stiffness in (("elbow", 200.0 * times), ("wrist", 100.0 * times)):
         position, torque = f"{joint}.motor_position_rad", f"{joint}.motor_torque_Nm"
         load = columns[torque] - torque_at_motor(columns[position])
         found[position] = columns[position] + RATIO * (RATIO * load / stiffness)
@@ -232,6 +232,7 @@ MISTAKES: dict[str, tuple[str, Change]] = {
     "motor encoder in counts": ("unit", of("elbow", ("motor_position",), 4096 / (2 * np.pi))),
     "joint encoders in counts": ("unit", of("", ("joint_position",), 2**14 / (2 * np.pi))),
     "springs that are given as stiff": ("gear-compliance", columns_of(sprung)),
+    "soft gears": ("gear-compliance", columns_of(partial(sprung, times=10.0))),
     "motor encoders in joint angles": ("unit", of("", ("motor_position",), 1 / RATIO)),
 }
 """{mistake: its code, and the change of the set-up}"""
@@ -258,7 +259,7 @@ QUICK = {  # each code once or twice; the others are of one joint instead of all
     "custom columns": (IN_DEGREES,),
     "both positions": (
         *("gear ratio", "no drives", "zeros of two joints", "tendon"),
-        "springs that are given as stiff",
+        *("springs that are given as stiff", "soft gears"),
     ),
     "both torques": ("torque sensor of half the torque", "motor constant next to a sensor"),
 }

@@ -26,7 +26,7 @@ from seaid.checks.experiment import (
     experiment_of,
     multiplied,
 )
-from seaid.checks.gears import linkages
+from seaid.checks.gears import linkages, small_springs
 from seaid.checks.setup import (
     MISTAKES,
     _all_torque_scales,
@@ -807,6 +807,44 @@ def test_a_linkage_is_measured_where_the_rotor_is_unknown() -> None:
     error = abs(table["gear_ratio"] - drive.ratio)
     assert error / 3.3 < table["gear_ratio_std"] < 0.01 * drive.ratio
     assert "counts as exact" in linkage.lines
+
+
+@pytest.mark.parametrize(("case", "joint"), [("leg", "hip_roll"), ("arm", "wrist")])
+@pytest.mark.parametrize("what", ["nothing", "a late encoder", "an eccentric gear", "a ratio"])
+def test_what_moves_encoders_apart_without_the_torque_is_no_spring(
+    case: str, joint: str, what: str
+) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    q = log.joint_position[:, log.joint_names.index(joint)]
+    apart = {
+        "nothing": 0 * q,
+        "a late encoder": q - np.interp(log.time - 0.003, log.time, q),
+        "an eccentric gear": 0.005 * np.sin(5 * q),
+        "a ratio": 0.01 * q,
+    }[what]
+    channel = with_channels(log, joint, joint_position=lambda angle: angle - apart)
+    of_motion = experiment(robot, channel).in_motion
+    assert float(np.ptp(of_motion.apart[:, robot.index(joint)])) > 0.002 * (what != "nothing")
+    assert [*small_springs(of_motion)] == []
+
+
+def test_a_stiff_drive_with_a_deflection_that_follows_the_torque_has_a_spring() -> None:
+    """It is a hundredth of the motion: next to it nothing is left between the encoders."""
+    robot, log = CASES["arm"][0](), CASES["arm"][1]()
+    torque = experiment(robot, log).target[:, robot.index("wrist")]
+    stiffness = float(np.ptp(torque)) / 0.005
+    lever = total_ratio(robot.drives["wrist"])
+    turned = lever**2 / stiffness * log.motor_torque[:, log.joint_names.index("wrist")]
+    soft = with_channels(log, "wrist", motor_position=lambda angle: angle + turned)
+    assert experiment(robot, soft).of_encoders[robot.index("wrist")] < 0.01
+    (finding,) = small_springs(experiment(robot, soft).in_motion)
+    assert (finding.code, finding.joint, finding.severity) == (
+        "gear-compliance",
+        "wrist",
+        "doubtful",
+    )
+    assert finding.evidence["stiffness of wrist"] == pytest.approx(stiffness, rel=0.1)
+    assert 'type = "series_elastic"' in finding.remedy
 
 
 @pytest.mark.parametrize("name", quick_first(["elastic differential", "mixed differential"]))
