@@ -125,19 +125,23 @@ def _parameter(parameter: Parameter, hint: Any, text: str) -> click.Parameter:
     kind, is_repeated = _kind_of(hint)
     name, default = parameter.name, parameter.default
     metavar = kind.name if isinstance(kind, Kind | File) else None
+    shape: dict[str, Any]
     if parameter.kind is not Parameter.KEYWORD_ONLY:
-        shape: dict[str, Any] = {} if default is Parameter.empty else {"default": default}
+        shape = {} if default is Parameter.empty else {"default": default}
         shape |= {"nargs": -1 if is_repeated else 1, "metavar": metavar}
         return click.Argument([name], False, text, type=kind, **shape)
     more = f"{text.removesuffix('.')}{getattr(kind, 'hint', '')}."
     more += " May be repeated." * is_repeated
+    # A default of Click that is None is a value, so that a required option has none.
+    usual = None if is_repeated else default
+    shape = {"required": True} if default is Parameter.empty else {"default": usual}
+    shape |= {"multiple": True} if is_repeated else {"is_flag": kind is bool}
     return click.Option(
         [*WORDS.get(name, (option_name(name),)), name],
         type=kind,
-        default=None if is_repeated else default,
         help=more,
         metavar=metavar,
-        **({"multiple": True} if is_repeated else {"is_flag": kind is bool}),
+        **shape,
     )
 
 

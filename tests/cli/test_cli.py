@@ -185,6 +185,7 @@ def test_the_help_of_a_command_explains_options_and_teaches_by_examples(command:
     help_text = done(command, "-h").out
     assert help_text == done(command, "--help").out
     assert f"seaid {command} [OPTIONS]" in help_text
+    assert not re.search(r"<(class|function|object)|_empty|Sentinel", help_text)
     assert " ".join(help_text.split("\n\n")[1].split()) == summary_of(command)
     helps = [one.help or "" for one in command_of(command).params]
     assert [text for text in helps if not re.fullmatch(r"[A-Za-z].{6,}[^.,;]\.", text)] == []

@@ -73,6 +73,7 @@ def test_a_mistake_is_said_in_one_line_with_its_remedy(
 USAGE = {
     "inspect": "URDF: it is missing: name it, or have a seaid.toml here",
     "identify arm.urdf": "LOG: it is missing",
+    "export arm.urdf": "Missing option '--output' / '-o'",
     "identfy arm.urdf run.csv": "No such command 'identfy'. Did you mean 'identify'?",
     "inspect arm.urdf --drive arm.toml": "No such option '--drive'. Did you mean '--drives'",
     # texts that are no value
