@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields
@@ -99,13 +100,14 @@ def value_text(value: Any) -> str:
         return f"array {value.shape}"
     text = in_one_line(repr(value.tolist() if hasattr(value, "shape") else value))
     if isinstance(value, Mapping | list | tuple) and len(text) > _LONGEST_VALUE:
-        return f"{len(value)} entries"
+        return counted(len(value), "entry")
     return shortened(text, _LONGEST_VALUE)
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number with its noun: "1 joint", "1,200 samples"."""
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+    """Return a number with its noun: "1 joint", "2 bodies", "1,200 samples"."""
+    plural = re.sub(r"(?<![aeiou])ys$", "ies", f"{noun}s")
+    return f"{number:,} {noun if number == 1 else plural}"
 
 
 MOST_NAMES = 6

@@ -26,6 +26,22 @@ def found(log: seaid.Log) -> seaid.Identification:
     return seaid.identify(arm().without_nominal(), log, feasible=True)
 
 
+@pytest.mark.parametrize(
+    ("number", "noun", "text"),
+    [
+        (1, "joint", "1 joint"),
+        (0, "joint", "0 joints"),
+        (1, "body", "1 body"),
+        (2, "body", "2 bodies"),
+        (3, "frequency", "3 frequencies"),
+        (2, "delay", "2 delays"),
+        (1200, "more entry", "1,200 more entries"),
+    ],
+)
+def test_a_number_with_its_noun(number: int, noun: str, text: str) -> None:
+    assert counted(number, noun) == text
+
+
 def test_objects_in_one_line(log: seaid.Log, found: seaid.Identification) -> None:
     """What is not at its default, in numbers of a few digits; a drive is made of its line again."""
     drive = seaid.StiffDrive(gear_ratio=50.0, motor_input="current")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import seaid
+from seaid._progress import counted
 from seaid.cli import kinds
 from seaid.cli.messages import is_terminal
 from seaid.cli.options import ResultOptions, RobotOptions, by_joint, logs_of, refuse
@@ -246,7 +247,8 @@ def _plan_text(name: str, plan: seaid.Excitation, motion: seaid.Trajectory) -> s
     begin, end = motion.main_interval
     total = f" ({motion.duration:.4g} s with run-in and run-out)"
     run_ins = total if end - begin < motion.duration else ""
-    text = f"{name}: a motion of {end - begin:.4g} s{run_ins} for {len(plan.names)} parameters; "
+    text = f"{name}: a motion of {end - begin:.4g} s{run_ins} for "
+    text += f"{counted(len(plan.names), 'parameter')}; "
     text += f"{plan.criterion} {plan.value:.4g}"
     stance = [] if plan.stance is None else [f"in stance: {plan.stance._in_short()}"]
     return "\n".join([text, *seaid.report.condition_lines(plan), *stance])

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import seaid
+from seaid._progress import counted
 from seaid.cli.kinds import JsonFile, ModelFile, check_suffix
 from seaid.cli.messages import note, option_of
 from seaid.cli.options import IdentifiedOptions, ResultOptions, judgement_of, refuse
@@ -148,8 +149,8 @@ def _write_code(robot: seaid.Robot, output: Path, suffix: str) -> tuple[str, dic
         "base_parameters": form.base.expressions,
     }
     text = (
-        f"{robot.name}: regressor of {len(form.parameter_names)} parameters and of "
-        f"{len(form.base.expressions)} base parameters, and inverse dynamics, written"
+        f"{robot.name}: regressor of {counted(len(form.parameter_names), 'parameter')} and of "
+        f"{counted(len(form.base.expressions), 'base parameter')}, and inverse dynamics, written"
     )
     return text, content
 
@@ -159,9 +160,10 @@ def _lines(
 ) -> Iterator[str]:
     """Yield what was written, and what of the `ranges` is not determined."""
     if seaid.export.FORMATS[kind].has_bodies:
-        yield f"{robot.name}: {robot.n} bodies and their drives written"
+        yield f"{robot.name}: {counted(robot.n, 'body')} written, with the drives"
     else:
-        yield f"{robot.name}: {robot.n} actuators written for {seaid.export.FORMATS[kind].title}"
+        actuators = counted(robot.n, "actuator")
+        yield f"{robot.name}: {actuators} written for {seaid.export.FORMATS[kind].title}"
     if ranges is not None:
         free = listed(f"{parameter.name} of {parameter.of}" for parameter in ranges.unidentified)
         yield f"not determined by the log, and as wide as the prior: {free or 'none'}"

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 import seaid
+from seaid._progress import counted
 from seaid.cli.kinds import Names
 from seaid.cli.options import JsonOptions, RobotOptions, refuse
 from seaid.errors import SeaidError
@@ -149,7 +150,8 @@ def _joint_facts(robot: seaid.Robot) -> list[dict[str, Any]]:
 
 def _tree_lines(robot: seaid.Robot, tree: seaid.robot.UrdfTree, root: str) -> Iterator[str]:
     """Yield the links depth first, each with its joint and drive."""
-    yield f"{robot.name}: {robot.n} joints move, {len(robot.elastic_joints)} of them with a spring"
+    joints, springs = counted(robot.n, "moving joint"), len(robot.elastic_joints)
+    yield f"{robot.name}: {joints}, {springs} of them with a spring"
     yield root
     waiting = [(joint, 1) for joint in reversed(tree.children(root))]
     while waiting:

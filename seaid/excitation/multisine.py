@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, finite, number
-from seaid._progress import Display
+from seaid._progress import Display, counted
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import FourierBasis, check_whole_number
 from seaid.excitation.limits import (
@@ -186,8 +186,8 @@ def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierB
         harmonics = harmonics[harmonics % 2 == 1]
     if len(harmonics) < 2 or not 0 <= low < high:
         raise ExcitationError(
-            f"the band {low:g} to {high:g} Hz has {len(harmonics)} frequencies of a period of "
-            f"{period:g} s, at least two are needed: give a wider band or a longer period",
+            f"the band {low:g} to {high:g} Hz has {counted(len(harmonics), 'frequency')} of a "
+            f"period of {period:g} s, needs two or more: give a wider band or a longer period",
             "band_hz",
         )
     if harmonics[-1] > _MOST_HARMONICS:

@@ -26,6 +26,7 @@ import pinocchio as pin
 from scipy.special import fdtrc, stdtrit
 
 from seaid._arrays import Array, FrozenMapping, is_constant, safely
+from seaid._progress import counted
 from seaid.checks import CODES
 from seaid.checks.codes import Observation, observed, only_joint
 from seaid.checks.tolerances import MANY_TIMES, MOST, NEGLIGIBLE, RARE
@@ -88,9 +89,9 @@ def _jumps(record: BaseRecord) -> Iterator[Finding]:
     for name, (count, largest, first_s) in base_jumps(record.samples, record.time).items():
         unit = {"position": " m", "velocity": " m/s"}.get(name, " rad")
         yield BASE_JUMPS.note(
-            f"the {name} of the base jumps {count} times, by up to {largest:.3g}{unit}, first at t "
-            f"= {first_s:.4g} s, as a state estimator does that corrects itself: the jumps were "
-            "taken out, and samples near them are not used",
+            f"the {name} of the base has {counted(count, 'jump')}, by up to {largest:.3g}{unit}, "
+            f"first at t = {first_s:.4g} s, as of a state estimator that corrects itself: they "
+            "were taken out, and samples near them are not used",
             evidence={"jumps": float(count), "largest": largest},
             remedy="log the IMU, which does not jump",
             certainty="certain",

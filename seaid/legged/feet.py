@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
-from seaid._progress import Display
+from seaid._progress import Display, counted
 from seaid.checks import CODES
 from seaid.checks.codes import Observation, in_description, observed, only_joint
 from seaid.checks.tolerances import FEW, MOST, RARE
@@ -280,7 +280,7 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
         duration_s = float(np.sum(list(map(np.sum, lifts)) / rates[:, 0]))
         least_s = LEAST_LIFT / (POSITION_BAND * float(np.min(rates[:, 1])))
         yield UNIDENTIFIABLE.note(
-            f"{link} is in the air for {duration_s:.2g} s in all, in {count} lifts, which are not "
+            f"{link} is in the air for {duration_s:.2g} s in all, in {counted(count, 'lift')}, not "
             "used: next to a change of contact the positions have a corner, and half a period of "
             "the cutoff or less would determine the mass at this foot alone. That mass counts as "
             "not determined",

@@ -224,8 +224,8 @@ def check_finite(about: str, values: Array, advice: str = "drop the sample") -> 
     bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
     if len(bad):
         raise LogError(
-            f"{about} has {len(bad)} values that are not finite, the first in sample {bad[0]}: "
-            f"{advice}, or repair the log with repair=seaid.Repairs()",
+            f"{about} is not finite in {len(bad)} of {len(values)} samples, the first in sample "
+            f"{bad[0]}: {advice}, or repair the log with repair=seaid.Repairs()",
             "repair=seaid.Repairs()",
         )
 

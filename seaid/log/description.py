@@ -561,7 +561,7 @@ def _check_source(where: str, row: Quantity, source: Source) -> None:
     faults = {
         "needs column (or, for a voltage, servo instead)": bool(count) == bool(source.servo),
         # How many of them a planar base needs is known with the robot, see `sources`.
-        f"has {count} columns, needs {row.width}": (
+        f"has {counted(count, 'column')}, needs {row.width}": (
             count > row.width or 0 < count * is_whole < row.width
         ),
         unknown_name("unit of this quantity", unit, units): unit not in (None, *units),

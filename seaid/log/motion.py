@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, connected_groups, safely
-from seaid._progress import Display, sampled_text
+from seaid._progress import Display, counted, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
 from seaid.errors import LogError, checked, listed
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
@@ -86,7 +86,7 @@ class Processing:
         if self.position_low_pass_hz >= 0.4 * self.rate_hz:
             low_pass = "positions unfiltered"
         faults = len(self.repairs) - len(self.excluded)
-        repaired = f"; {faults} kinds of faults repaired on reading" if faults else ""
+        repaired = f"; {counted(faults, 'kind')} of faults repaired" if faults else ""
         excluded = [f"; {part.kind}: {part.action}" for part in self.excluded if part.kind != HOLES]
         return (
             f"{grid}, {low_pass}; regressor and torque below {self.cutoff_selection}; "

@@ -369,7 +369,7 @@ def _names_of_vector(
     needed = needed_columns(base, row.name) if is_own else names
     by_count = {len(needed): needed, len(names): names}
     if len(source.columns) not in by_count:
-        raise LogError(f"{where}: has {len(source.columns)} columns, needs {len(needed)}")
+        raise LogError(f"{where}: needs {len(needed)} columns, has {len(source.columns)}")
     return by_count[len(source.columns)]
 
 

@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 from seaid._arrays import Array
 from seaid._files import plain, read_toml
+from seaid._progress import counted
 from seaid.checks.tolerances import POOR
 from seaid.drives import readable
 from seaid.errors import SeaidError
@@ -440,6 +441,7 @@ def _environment() -> Any:
     )
     environment.globals["asset"] = _asset
     environment.filters |= {
+        "counted": counted,
         "in_script": _in_script,
         "svg_path": svg_path,
         "share": share,

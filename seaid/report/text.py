@@ -148,7 +148,7 @@ def condition_lines(plan: Excitation) -> list[str]:
     first, last = (pair[0] / pair[1] if pair[1] > 0 else np.inf for pair in ends)
     return [
         f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
-        f"condition number of the {len(plan.base.columns)} base columns: "
+        f"condition number of {counted(len(plan.base.columns), 'base column')}: "
         f"{plan.condition_number:.4g}",
         f"condition number of {measure_text(plan.measures)}",
     ]
@@ -208,7 +208,7 @@ def _tables_if_any(*made: Table) -> list[str]:
 def _sources_text(identification: Identification) -> str:
     joints, count = ", ".join(identification.model.torque_joints), len(identification.load.values)
     source = f"the torques at {joints}" if joints else "the forces on the base"
-    bodies = f"{count} base parameters from {source}" if count else "bodies as given"
+    bodies = f"{counted(count, 'base parameter')} from {source}" if count else "bodies as given"
     return f"{identification.robot.name}: {bodies}; cutoff {identification.cutoff_hz:.3g} Hz"
 
 
@@ -322,8 +322,8 @@ def feasible_text(feasible: FeasibleParameters) -> str:
     """Return the summary of the physically consistent parameters."""
     lines = [
         f"physically consistent parameters: chi-square {feasible.chi_square:.3g} over "
-        f"{len(feasible.values)} values (at least {feasible.nearest_chi_square:.3g}); weight of "
-        f"the prior {feasible.weight:.2g}, {feasible.freedom:.1f} values determined by the data",
+        f"{counted(len(feasible.values), 'value')} (at least {feasible.nearest_chi_square:.3g}); "
+        f"weight of the prior {feasible.weight:.2g}, {feasible.freedom:.1f} determined by the data",
         *(f"  active bound: {text}" for text in feasible.active_bounds),
         *(f"  {note}" for note in feasible.notes),
     ]
@@ -378,7 +378,7 @@ def measure_text(measures: ExcitationMeasures) -> str:
     """Return the condition number of columns of unit norm, and the D-value."""
     drives = ", drives included" if measures.has_drives else ""
     return (
-        f"{measures.parameters} columns of unit norm{drives}: "
+        f"{counted(measures.parameters, 'column')} of unit norm{drives}: "
         f"{measures.scaled_condition_number:.4g}; D-value {measures.d_value:.4g}"
     )
 
@@ -412,8 +412,8 @@ def sensors_table(found: Identifiability) -> str:
 def _sensor_lines(analysis: Identifiability) -> Iterator[str]:
     grouped = sum(map(len, analysis.ratios))
     yield (
-        f"{analysis.robot_name}: {len(analysis.names)} parameters, of which the sensors determine "
-        f"{analysis.rank} combinations"
+        f"{analysis.robot_name}: {counted(len(analysis.names), 'parameter')}, of which the sensors "
+        f"determine {counted(analysis.rank, 'combination')}"
     )
     for joint, sentences in analysis.usable.items():
         yield from _wrapped(
@@ -424,10 +424,10 @@ def _sensor_lines(analysis: Identifiability) -> Iterator[str]:
     for group in analysis.ratios:
         yield from _list(f"Up to scale: {len(group)}", group, "\n")
     yield from _list(f"Unidentifiable: {len(analysis.unidentifiable)}", analysis.unidentifiable)
-    count = len(analysis.base.names)
+    every = counted(len(analysis.base.names), "combination")
     agree = "agree" if analysis.agree else "do NOT agree"
     yield (
-        f"{count} combinations, {grouped} of them in {len(analysis.ratios)} groups; two "
+        f"{every}, {grouped} of them in {counted(len(analysis.ratios), 'group')}; two "
         f"random draws {agree}, singular-value gap {analysis.gap:.0e}"
     )
     if analysis.derivatives is not None:
@@ -440,7 +440,7 @@ def _derivative_lines(base: BaseParameters) -> Iterator[str]:
     alone = np.count_nonzero(base.grouping, axis=1) == 1
     yield (
         f"By derivatives of motor angle and motor torque, as identify estimates them: "
-        f"{len(base.columns)} combinations"
+        f"{counted(len(base.columns), 'combination')}"
     )
     yield from _list(f"Individually: {alone.sum()}", tuple(compress(base.names, alone)))
     combined = tuple(compress(base.expressions, ~alone))

@@ -30,7 +30,7 @@ def test_export_of_saved_parameters_writes_the_same_files(arm: Path, tmp_path: P
     done("identify", *robot, log, "--feasible", "-o", saved)
     done("export", *robot, "--from", log, "-o", tmp_path / "one.urdf")
     said = done("export", arm / "arm.urdf", "--parameters", saved, "-o", tmp_path / "two.urdf")
-    assert said.out.splitlines()[0] == "small_arm: 2 bodies and their drives written"
+    assert said.out.splitlines()[0] == "small_arm: 2 bodies written, with the drives"
     for ending in (".urdf", ".toml"):
         one, two = ((tmp_path / name).with_suffix(ending) for name in ("one", "two"))
         assert one.read_bytes() == two.read_bytes()

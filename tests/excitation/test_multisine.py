@@ -98,7 +98,7 @@ def test_held_joints_given_amplitudes_and_spectra() -> None:
         ({"posture": {"knee_pitch": 2.0}}, LIMITS, "'knee_pitch': the posture 2 of"),
         ({"period_s": 3.0}, LIMITS, "not a whole number of periods of 3 s: give 9 s"),
         ({"period_s": 30.0}, LIMITS, "at most the duration, 10 s, found 30"),
-        ({"band_hz": (5.0, 5.1)}, LIMITS, "the band 5 to 5.1 Hz has 1 frequencies"),
+        ({"band_hz": (5.0, 5.1)}, LIMITS, "the band 5 to 5.1 Hz has 1 frequency of"),
         ({"band_hz": (1.0, 300.0)}, LIMITS, "at most 400 are allowed"),
         ({}, Limits(joint_torque=1e-6), "torque"),
     ],

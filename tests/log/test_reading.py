@@ -84,12 +84,13 @@ MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
     ),
     (
         column("time_s", 5, np.nan),
-        ("time_s has 1 values that are not finite, the first in sample 5",),
+        ("time_s is not finite in 1 of ", "samples, the first in sample 5: "),
     ),
     (
         column(JOINT, 5, np.nan),
         (
-            f"'{JOINT}' has 1 values that are not finite, the first in sample 5",
+            f"'{JOINT}' is not finite in 1 of ",
+            "samples, the first in sample 5: ",
             "leave the whole column NaN if there is no such sensor",
         ),
     ),

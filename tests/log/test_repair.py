@@ -456,7 +456,7 @@ BEYOND: dict[str, tuple[dict[str, float], list[Channel]]] = {
         {"most_missing": 0.9},
         position(kept(T[400:580], (100, 145))),
     ),
-    r"1 gaps with 50\.0% of the time .*most_missing": (
+    r"gaps with 50\.0% of the time .*most_missing": (
         {"longest_gap_s": 10.0},
         [*pair(kept(T, (1000, 3000)))],
     ),

@@ -440,18 +440,18 @@ def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
 
 def _check_width(header: _Header, cells: list[str], line: int) -> None:
     """Raise LogError for a line with another number of cells than the header."""
-    if len(cells) == header.width:
+    if (count := len(cells)) == header.width:
         return
     if any("\0" in cell for cell in cells):
         raise LogError(
             f"'{header.path}', line {line}: has zero bytes, as a file that was not written to its "
             "end: remove the line, and those behind it that are no samples"
         )
-    commas = header.delimiter == "," and len(cells) > header.width
     hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
+    hint *= header.delimiter == "," and count > header.width
     raise LogError(
-        f"'{header.path}' is not a table: line {line} has {len(cells)} cells, the first line "
-        f"{header.width} {'column names' if header.has_names else 'numbers'}{hint * commas}"
+        f"'{header.path}' is not a table: line {line} has {count} cell{'s' * (count > 1)}, the "
+        f"first line {header.width} {'column names' if header.has_names else 'numbers'}{hint}"
     )
 
 

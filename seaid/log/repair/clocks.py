@@ -421,7 +421,7 @@ def _report_steps(name: str, time: Array, report: Report) -> None:
     report.check(
         "most_missing",
         lost,
-        f"the clock of {name} has {np.sum(gaps)} gaps with {lost:.1%} of the time in them, the "
+        f"the clock of {name} has gaps with {lost:.1%} of the time in them ({np.sum(gaps)}), the "
         f"first at t = {time[np.argmax(gaps)]:.6g} s",
         "take a part of the log without them",
     )

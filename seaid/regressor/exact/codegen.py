@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from seaid._arrays import finite
 from seaid._files import write_whole
+from seaid._progress import counted
 from seaid.errors import SymbolicError
 from seaid.regressor.exact.geometry import number
 from seaid.regressor.exact.program import Program, Value, needed
@@ -125,9 +126,9 @@ def _tuple(values: Iterable[str]) -> str:
 
 def _about(form: RigidBodyForm) -> str:
     text = (
-        f"Joint-torque regressor of '{form.robot_name}': {len(form.joint_names)} joints, "
-        f"{len(form.parameter_names)} standard and {form.base.rank} base parameters. SI units; "
-        "inertias about the joint frame; without friction and rotor inertia."
+        f"Joint-torque regressor of '{form.robot_name}': {counted(len(form.joint_names), 'joint')} "
+        f"with {len(form.parameter_names)} standard and {form.base.rank} base parameters. SI "
+        "units; inertias about the joint frame; without friction and rotor inertia."
     )
     return fill(_as_comment(text), 96)
 

@@ -45,7 +45,7 @@ def text_of(delimiter: str, decimal: str = ".", head: str = "") -> str:
         (b",".join([b"x"] * 20_000), "has 20,000 columns or more, allowed are 10,000"),
         (b"a," + b"b" * 5_000, "the name of a column has 5,000 characters, allowed are 1,000"),
         (b"a,a,b\n1,2,3\n", "column named twice: a"),
-        (b"a,b\n1,2\n3\n", "is not a table: line 3 has 1 cells, the first line 2 column names"),
+        (b"a,b\n1,2\n3\n", "is not a table: line 3 has 1 cell, the first line 2 column names"),
         (b"a,b\n1,2,3,4\n", "2 column names; decimal commas? Delimit the columns by"),
         (b"a,b\n1,2,3\n1,2\n", "line 3 has 2 cells, the first line 3 column names"),
         (b"1.5,2\n3,4,5\n", "line 2 has 3 cells, the first line 2 numbers"),
