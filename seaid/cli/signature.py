@@ -150,4 +150,6 @@ def check_required(required: Mapping[str, str], values: Mapping[str, Any]) -> No
     for name, metavar in required.items():
         if not values[name] and not (name == "urdf" and values.get("run")):
             hint = ", or have a seaid.toml here (seaid init)" * (metavar in ("URDF", "LOG"))
+            if (folder := values.get("urdf")) and (folder / "seaid.toml").is_file():
+                hint = f"; '{folder}' is a project: seaid run {folder} identifies it"
             raise click.BadParameter(f"it is missing: name it{hint}", param_hint=metavar)

@@ -70,6 +70,14 @@ def test_a_mistake_is_said_in_one_line_with_its_remedy(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("command", ["check", "identify"])
+def test_a_project_in_place_of_a_robot_is_named(tmp_path: Path, command: str) -> None:
+    (tmp_path / "seaid.toml").write_text("")
+    said = run(command, tmp_path)
+    assert said.code == 2
+    assert f"'{tmp_path}' is a project: seaid run {tmp_path} identifies it" in said.err
+
+
 USAGE = {
     "inspect": "URDF: it is missing: name it, or have a seaid.toml here",
     "identify arm.urdf": "LOG: it is missing",
