@@ -150,6 +150,12 @@ def check_required(required: Mapping[str, str], values: Mapping[str, Any]) -> No
     for name, metavar in required.items():
         if not values[name] and not (name == "urdf" and values.get("run")):
             hint = ", or have a seaid.toml here (seaid init)" * (metavar in ("URDF", "LOG"))
-            if (folder := values.get("urdf")) and (folder / "seaid.toml").is_file():
-                hint = f"; '{folder}' is a project: seaid run {folder} identifies it"
+            hint = _project_hint(values.get("urdf")) or hint
             raise click.BadParameter(f"it is missing: name it{hint}", param_hint=metavar)
+
+
+def _project_hint(folder: Any) -> str:
+    """Return what to call for a project that is in the place of a robot."""
+    if folder is None or not (folder / "seaid.toml").is_file():
+        return ""
+    return f"; '{folder}' is a project: seaid run {folder} identifies it"

@@ -196,6 +196,8 @@ def assemble(
             tree.links[joint.child], placement
         )
     for payload in payloads:
+        if payload.link in tree.joints.keys() - tree.links.keys():
+            raise RobotError(f"payloads=: '{payload.link}' is a joint: name a link", "payloads=")
         check_name("link", payload.link, tree.links, RobotError, "payloads=", "payloads=")
         parent, placement = frames[payload.link]
         if not parent and not floats:

@@ -25,10 +25,11 @@ MISTAKES = {
     "check arm.urdf run.csv --terms --of elbo -o {}/a.toml": "--of: no joint is named 'elbo'; did",
     "simulate arm.urdf run_plan.json --joint-offset elbo=1 -o {}/a.csv": "--joint-offset: no joint",
     "inspect arm.urdf --payload hand:1": "--payload: no link is named 'hand'",
+    "inspect arm.urdf --payload elbow:1": "--payload: 'elbow' is a joint: name a link",
     "check arm.urdf run.csv --known-body uper": "no body that a joint moves is named 'uper'",
     "view --run nowhere": "no saved run at 'nowhere'",
     "identify arm.urdf . -o {}/o": "'.'",
-    "run": "cannot read the project 'seaid.toml'",
+    "run": "cannot read the project 'seaid.toml': seaid init URDF LOG writes one",
     "compare run_plan.json log.json": "'run_plan.json' is no saved run",
     # options before any file is read
     "identify arm.urdf no.csv -o run.csv/p.json": "cannot write 'run.csv/p.json': Not a directory",
