@@ -12,7 +12,7 @@ import seaid
 from scripts.benchmarks.short_logs import short_log
 from seaid._arrays import Array
 from seaid.checks import CODES, JointFit
-from seaid.checks.values import noise_findings, unused_findings
+from seaid.checks.values import noise_findings, regression_notes, unused_findings
 from seaid.checks.verdict import RobotFit, _blocks, fit_findings, verdict_of
 from seaid.estimation import FittedRows
 from seaid.estimation.least_squares import ordinary
@@ -371,3 +371,16 @@ def test_a_drift_of_a_small_part_of_the_torque_is_a_note(share: float, severity:
     diagnostics = SimpleNamespace(**numbers, growth=8.0, drifts=(drift,))
     (finding,) = noise_findings(SimpleNamespace(diagnostics=diagnostics))  # type: ignore[arg-type]
     assert (finding.code, finding.severity) == ("drift", severity)
+
+
+@pytest.mark.parametrize(
+    ("term", "action"),
+    [("torque_offset", "seaid adds it"), ("coulomb_friction", "remove the term")],
+)
+def test_a_term_that_seaid_adds_itself_is_not_to_be_removed(term: str, action: str) -> None:
+    checks: Any = SimpleNamespace(
+        poorly_determined=(), terms=[SimpleNamespace(bic=-5.0, terms=[term])], whiteness={}
+    )
+    (finding,) = regression_notes("motor side of knee", "motor side", "knee", checks)
+    assert finding.code == "needless-term"
+    assert finding.message.endswith(f"(BIC -5); {action}")
