@@ -274,7 +274,7 @@ def test_counts_of_an_encoder_with_few_decimals_have_lost_no_samples(decimals: i
     """The decimals of a file looked like the resolution of its encoders."""
     step, counts = 2 * np.pi / 2**14, 1.15 * np.abs(np.arange(20000) % 4000 - 2000)
     encoders = np.array([counts, 0.01 * counts]).round() * step
-    assert len(_lost(encoders.round(decimals))) == 0
+    assert len(_lost([*encoders.round(decimals)])) == 0
 
 
 def wrapped(log: Log, robot: Robot, joint: str, field: str, crossing: float) -> Log:
