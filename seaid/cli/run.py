@@ -53,7 +53,7 @@ def run(
         _run_all(project, executor, fail, result)
         return
     refuse("it is for a folder with several projects", "executor")
-    _check_there(project / PROJECT_FILE if project.is_dir() else project)
+    _check_there(project)
     loaded = seaid.load_project(project)
     done = seaid.run_project(loaded, command=command_line(), progress=is_terminal())
     logs = (log for run in done.runs.values() for log in run.identification.processing)
@@ -67,7 +67,9 @@ def run(
     fail.check(done.warnings, default=loaded.fail_on)
 
 
-def _check_there(file: Path) -> None:
+def _check_there(project: Path) -> None:
+    """Raise SeaidError, with the command that writes one, where there is no project file."""
+    file = project / PROJECT_FILE if project.is_dir() else project
     if not file.exists():
         raise SeaidError(f"cannot read the project '{file}': seaid init URDF LOG writes one")
 
