@@ -153,7 +153,7 @@ def test_tables_are_read_in_their_units(tmp_path: Path) -> None:
         ("", "is empty"),
         ("torque,angle\n1,2\n", "a column of loads and one of readings .*found torque, angle"),
         ("load_Nm,deflection_rad\n1,2\n3,x\n", "line 3: column 'deflection_rad' has 'x'"),
-        ("load_Nm,deflection_rad\n1,2\n3\n", "line 3 has 1 cells"),
+        ("load_Nm,deflection_rad\n1,2\n3\n", "line 3 has 1 cell"),
     ],
 )
 def test_mistakes_in_a_table_are_named(tmp_path: Path, text: str | None, words: str) -> None:

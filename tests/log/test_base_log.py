@@ -209,7 +209,7 @@ WRONG: tuple[tuple[dict[str, Any] | None, str], ...] = (
     ({"wrenches": {FEET[0]: waves(2, 1, 1)}}, "must have three forces or forces and moments"),
     (
         {**IMU, "angular_velocity": np.full((len(TIME), 3), np.nan)},
-        "that are not finite, the first in sample 0",
+        "is not finite in 2000 of 2000 samples, the first in sample 0",
     ),
 )
 
