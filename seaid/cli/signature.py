@@ -156,6 +156,8 @@ def check_required(required: Mapping[str, str], values: Mapping[str, Any]) -> No
 
 def _project_hint(folder: Any) -> str:
     """Return what to call for a project that is in the place of a robot."""
-    if folder is None or not (folder / "seaid.toml").is_file():
+    from seaid._files import PROJECT_FILE
+
+    if folder is None or not (folder / PROJECT_FILE).is_file():
         return ""
     return f"; '{folder}' is a project: seaid run {folder} identifies it"
