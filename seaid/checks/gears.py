@@ -518,6 +518,9 @@ def _varied(q: Array, apart: Array, deflection: Array) -> tuple[Array, Array]:
     return -x[kept] / x[1], covariance[kept, kept] / x[1] ** 2
 
 
+# In a fit, too: delays, and zeros of encoders
+
+
 def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what a late torque adds to the equation: tau - d tau' to first order, late by d."""
     if channel := torque_channel(side, joint):
