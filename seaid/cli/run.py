@@ -13,7 +13,7 @@ from seaid.cli.kinds import ProjectFile
 from seaid.cli.messages import is_terminal, note
 from seaid.cli.options import FailOptions, JsonOptions, command_line, judgement_of, refuse
 from seaid.cli.project import PROJECT_FILE
-from seaid.errors import SeaidError, abridged
+from seaid.errors import abridged
 
 
 def run(
@@ -53,7 +53,6 @@ def run(
         _run_all(project, executor, fail, result)
         return
     refuse("it is for a folder with several projects", "executor")
-    _check_there(project)
     loaded = seaid.load_project(project)
     done = seaid.run_project(loaded, command=command_line(), progress=is_terminal())
     logs = (log for run in done.runs.values() for log in run.identification.processing)
@@ -65,13 +64,6 @@ def run(
     if open_browser and report.exists():
         click.launch(report.resolve().as_uri())
     fail.check(done.warnings, default=loaded.fail_on)
-
-
-def _check_there(project: Path) -> None:
-    """Raise SeaidError, with the command that writes one, where there is no project file."""
-    file = project / PROJECT_FILE if project.is_dir() else project
-    if not file.exists():
-        raise SeaidError(f"cannot read the project '{file}': seaid init URDF LOG writes one")
 
 
 def _run_all(folder: Path, executor: str | None, fail: FailOptions, result: JsonOptions) -> None:

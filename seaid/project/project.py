@@ -212,8 +212,9 @@ def load_project(path: str | Path = PROJECT_FILE) -> Project:
     >>> logs = [log.read(robot) for log in project.logs_for("identify")]
     >>> result = seaid.identify(robot, logs)
     """
-    path = Path(path)
-    file = path / PROJECT_FILE if path.is_dir() else path
+    file = Path(path) / (PROJECT_FILE if Path(path).is_dir() else "")
+    if not file.exists():
+        raise SeaidError(f"cannot read the project '{file}': seaid init URDF LOG writes one")
     where, reader = f"'{file}'", Reader(SeaidError, file.parent)
     content = read_toml(file, "the project", SeaidError)
     if content.get("known_bodies") == "all":

@@ -152,9 +152,8 @@ def run_project(
             moved = unseen if fit.robot.has_controllers else {}
             replay = partial(compare_replays, fit.known, fit.robot, held_joints=fit.unusable_joints)
             replays = _results(moved, replay, "replayed", refusals)
-            origin = {**provenance, "notes": refusals}
             # Without a folder: it has its name only after the rename.
-            runs[name] = Run(fit, validations, origin, None, replays)
+            runs[name] = Run(fit, validations, {**provenance, "notes": refusals}, None, replays)
             notes += refusals
             notes += _write(project, runs[name], result_folder(folder / places[name]))
         files = [path.relative_to(folder) for path in sorted(folder.rglob("*")) if path.is_file()]
