@@ -64,6 +64,21 @@ def test_count_of_a_textbook_system(system: str, count: int, write_chain: Chain)
 
 
 @pytest.mark.rounding
+@pytest.mark.parametrize(
+    "second", ["0;0;1 0.1 0 0.2 0.7853981633974483 0 0", "1;1;0 0.1 0 0.2 0 1.5707963267948966 0"]
+)
+def test_oblique_axes_that_meet_at_a_right_angle_up_to_rounding(
+    second: str, write_chain: Chain
+) -> None:
+    """Without gravity six parameters count: the axes meet, so that no lever of link 2 does."""
+    path = write_chain(joints_of(f"1;1;1, {second}"))
+    robot = load_robot(path, gravity=(0.0, 0.0, 0.0))
+    numeric, exact = base_parameters(robot), exact_base_parameters(robot)
+    assert exact.rank == len(numeric.columns) == 6
+    assert cross_check(numeric, exact).agree
+
+
+@pytest.mark.rounding
 @pytest.mark.parametrize("order", [1, -1])
 def test_tulip_leg_has_29_and_21_and_9(tulip_leg: Robot, tulip_urdf: Path, order: int) -> None:
     """All torques, those of the springs alone, and the leg in its plane; in any order of joints."""

@@ -113,20 +113,13 @@ def exact_tree(robot: Robot) -> ExactTree:
         axis = joint_axis(model.joints[index])
         body = robot.model_order[index - 1]
         rotation, alignment = _between_axes(above, exact_rotation(placement.rotation), axis)
-        translation = above.transpose() * exact_vector(placement.translation)
-        if robot.all_prismatic[body]:
+        translation = _to_meet(above.transpose() * exact_vector(placement.translation), rotation)
+        slides = robot.all_prismatic[body]
+        if slides:
             translation += rotation * exact_vector([0.0, 0.0, offsets[body]])
         elif offsets[body]:
             rotation = rotation * about_z(*_cosine_and_sine(offsets[body]))
-        joints.append(
-            ExactJoint(
-                parent=parent,
-                is_prismatic=robot.all_prismatic[body],
-                rotation=rotation,
-                translation=translation,
-                alignment=alignment,
-            )
-        )
+        joints.append(ExactJoint(parent, slides, rotation, translation, alignment))
     order = robot.model_order
     moved = (tuple(leaders[i] for i in order), tuple(factors[i] for i in order))
     return ExactTree(tuple(joints), exact_vector(model.gravity.linear), order, *moved)
@@ -140,19 +133,30 @@ def exact_vector(values: Iterable[float]) -> fmpq_mat:
 def _between_axes(above: fmpq_mat, placed: fmpq_mat, axis: Array) -> tuple[fmpq_mat, fmpq_mat]:
     """Return a joint's rotation between aligned frames, and its alignment.
 
-    Axes that are parallel up to float noise are made exactly parallel: by changing the axis if the
-    frames are rotated by multiples of 90 degrees, else by changing the rotation.
+    Axes that are parallel or perpendicular up to float noise are made exactly so: parallel ones by
+    changing the axis if the frames are rotated by multiples of 90 degrees, all others by changing
+    the rotation.
     """
     alignment = _alignment(axis)
     rotation = above.transpose() * placed * alignment
     cosine = rotation[2, 2]
     sine = math.hypot(number(rotation[0, 2]), number(rotation[1, 2]))
-    if sine > _ANGLE_NOISE or abs(cosine) == 1:
+    if abs(cosine) in (0, 1) or min(abs(number(cosine)), sine) > _ANGLE_NOISE:
         return rotation, alignment
-    if any(x.q != 1 for x in placed.entries()):
+    if sine > _ANGLE_NOISE or any(x.q != 1 for x in placed.entries()):
         return exact_rotation(as_floats(rotation)), alignment
     turn = IDENTITY if cosine > 0 else _HALF_TURN
     return turn, placed.transpose() * above * turn
+
+
+def _to_meet(translation: fmpq_mat, rotation: fmpq_mat) -> fmpq_mat:
+    """Return a translation (3, 1) with which axes that meet up to float noise meet exactly."""
+    # Both axes are apart along the normal z x R z, which is zero if they are parallel.
+    normal = fmpq_mat([[-rotation[1, 2]], [rotation[0, 2]], [0]])
+    distance, square = ((normal.transpose() * x)[0, 0] for x in (translation, normal))
+    if not 0 < number(distance) ** 2 <= _LENGTH_NOISE**2 * number(square):
+        return translation
+    return translation - distance / square * normal
 
 
 def joint_axis(joint: object) -> Array:
