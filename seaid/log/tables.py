@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
 from seaid._arrays import FrozenMapping
 from seaid.errors import SeaidError, hints_of, shown, unknown_name
@@ -154,4 +154,4 @@ _READERS: dict[Any, Callable[[Reader, Any, Any, str, str], Any]] = {
 
 def types_of(kind: type) -> dict[str, Any]:
     """Return {field: annotation} of a dataclass, with their limits."""
-    return hints_of(kind)
+    return {name: hint for name, hint in hints_of(kind).items() if get_origin(hint) is not ClassVar}
