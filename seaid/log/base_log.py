@@ -64,8 +64,7 @@ class BaseLog(Display):
 
     def __post_init__(self) -> None:
         for name, columns in CHANNELS.items():
-            values = getattr(self, name)
-            if values is not None:
+            if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _samples(name, values, len(columns)))
         for name, mapping in (("contacts", self.contacts), ("wrenches", self.wrenches)):
             width = 1 if name == "contacts" else None
@@ -129,8 +128,7 @@ class BaseLog(Display):
         """Return {column name in a file: samples (T,)}."""
         columns: dict[str, Array] = {}
         for name, names in CHANNELS.items():
-            values = getattr(self, name)
-            if values is not None:
+            if (values := getattr(self, name)) is not None:
                 columns.update(zip(names, values.T, strict=True))
         for link, values in self.contacts.items():
             columns[contact_columns(link)[0]] = values[:, 0]

@@ -102,8 +102,7 @@ def _merged(time: Array, values: Array) -> tuple[Array, Array]:
             starts.append(place)
             open_since = stamp
     counts = np.diff([*starts, len(time)])
-    merged_time = np.add.reduceat(time, starts) / counts
-    merged = np.add.reduceat(values, starts) / counts
+    merged_time, merged = (np.add.reduceat(x, starts) / counts for x in (time, values))
     # The means of the first and last burst would shorten the range of the channel, and what is
     # wanted at its ends would be extrapolated.
     merged_time[[0, -1]] = time[[0, -1]]

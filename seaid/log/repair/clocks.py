@@ -224,13 +224,12 @@ def _would_move(values: Array, place: int, steps: float) -> bool:
     after = values[place : place + _NEIGHBOURS]
     if min(len(before), len(after)) < 2:
         return False
-    speed_before = (before[-1] - before[0]) / (len(before) - 1)
-    speed_after = (after[-1] - after[0]) / (len(after) - 1)
-    slower = np.minimum(np.abs(speed_before), np.abs(speed_after))
-    alike = 2 * slower > np.maximum(np.abs(speed_before), np.abs(speed_after))
+    speeds = [(part[-1] - part[0]) / (len(part) - 1) for part in (before, after)]
+    slower = np.min(np.abs(speeds), axis=0)
+    alike = 2 * slower > np.max(np.abs(speeds), axis=0)
     # Three times the change that counts as continuous, which no true gap with this motion passes.
     moved = steps * slower > 3 * _TOLERANCE * _usual_changes(values, place)
-    return bool(np.any(moved & alike & (speed_before * speed_after > 0)))
+    return bool(np.any(moved & alike & (speeds[0] * speeds[1] > 0)))
 
 
 def clock_line(clock: Array, reference: Array) -> ClockLine:
@@ -270,10 +269,8 @@ def with_regular_clock(group: Sequence[Channel], report: Report) -> list[Channel
     repeats = np.diff(time) == 0
     # Only the first sample of each stamp is near the time that it states.
     changes = np.flatnonzero(~repeats) + 1
-    is_coarse = np.sum(repeats) > report.limits.most_disordered * len(time) and np.all(
-        np.diff(time) >= 0
-    )
-    if not is_coarse or len(changes) < _FEWEST_CHANGES:
+    is_coarse = np.sum(repeats) > report.limits.most_disordered * len(time)
+    if not is_coarse or np.any(np.diff(time) < 0) or len(changes) < _FEWEST_CHANGES:
         return list(group)
     # without a change within a stamp, each sample is there several times
     moved = np.diff(np.nan_to_num(values, posinf=0.0, neginf=0.0), axis=0) != 0
