@@ -10,6 +10,7 @@ from tests.cli.small_arm import refused, run
 @pytest.fixture(scope="module", autouse=True)
 def files(arm: Path) -> None:
     """Write the files that the lines below name."""
+    (arm / "other_language.csv").write_text("время,положение,момент\n0,1,2\n", "utf-8")
     (arm / "log.toml").write_text('[joints.elbow]\njoint_position = "q"\n')
 
 
@@ -20,6 +21,8 @@ MISTAKES = {
     "check arm.urdf run.csv ./run.csv": "'run.csv' is given twice, which would count its samples",
     "validate arm.urdf run.csv --from run.csv": "name each log once, and validate on another",
     "check arm.urdf weights.csv": "custom columns need --description (seaid describe infers one)",
+    "describe other_language.csv": "name them in their order by --columns, as t,q,tau",
+    "init arm.urdf other_language.csv": "seaid describe writes a description of them",
     # names that are not there
     "inspect arm.urdf --joints Elbow": "--joints: 'small_arm': no joint is named 'Elbow'; did you",
     "check arm.urdf run.csv --terms --of elbo -o {}/a.toml": "--of: no joint is named 'elbo'; did",

@@ -173,7 +173,9 @@ def describe_log(
         about = "; ".join(filter(None, [listed(table.names, _SHOWN), table.notice]))
         raise LogError(
             f"'{' + '.join(map(str, paths))}': no column looks like the position of a joint; "
-            f"columns are {about}"
+            f"columns are {about}; name them in their order by columns=, as t,q,tau (the time, and "
+            "arrays in the order of the joints): seaid.describe_log writes a description of them",
+            *("columns=", "seaid.describe_log"),
         )
     for joint in dict.fromkeys(names.values()):
         take_quantities(inference, joint)

@@ -124,8 +124,8 @@ def open_csv(path: Path) -> Table:
 
 
 _NUMBERED = (
-    f"{NO_HEADER} Name the columns by their numbers, from 1 on, in the description of the "
-    "log (time = 1, joint_position = 2, ...), or write a line of names on top"
+    f"{NO_HEADER} Name the columns by their numbers, from 1 on, in the description of the log "
+    "(time = 1, joint_position = 2, ...)"
 )
 
 
