@@ -18,7 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import total_ratio
-from seaid.errors import LogError, listed, unknown_name
+from seaid.errors import LogError, check_name, listed
 from seaid.log.base_log import continuous, matrices, needed_columns, with_guided
 from seaid.log.channels import (
     CHANNELS,
@@ -125,7 +125,7 @@ def selected(path: Path, table: Table, description: LogDescription, robot: Robot
             f"need {DESCRIBED}), found: {found}{near_names(names, (), table.names)}",
             DESCRIBED,
         )
-    _check_vectors(path, description, robot.floating_base)
+    _check_owners(path, description, robot)
     described = tuple(_quantities(path, table, description, robot))
     where = description.where and table.in_file_of(description.where, described[0].source.used)
     return Selection(path, table, robot, described, where)
@@ -232,8 +232,7 @@ class _Described:
             units["counts"] = 2 * np.pi / source.counts_per_turn
         if source.counts_per_m is not None and unit == "m":
             units["counts"] = 1.0 / source.counts_per_m
-        if source.unit not in units:
-            raise LogError(unknown_name("unit of this quantity", source.unit, units))
+        check_name("unit of this quantity", source.unit, units, LogError)
         return factor * units[source.unit]
 
     def _gear_factor(self, robot: Robot) -> float:
@@ -248,9 +247,6 @@ class _Described:
 
 def completed(table: Table, description: LogDescription, robot: Robot) -> LogDescription:
     """Return a description with the columns of seaid for what it does not describe."""
-    unknown = description.joints.keys() - {*robot.standing_joints, *robot.joint_names}
-    for joint in filter(unknown.__contains__, description.joints):
-        raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
     rows, tables = _rows_of(robot, description.contacts), description.tables
     still = {("joints", joint) for joint in robot.standing_joints}
     keys = [key for key in dict.fromkeys([*tables, *rows]) if key not in still]
@@ -321,20 +317,21 @@ def of_other_names(description: LogDescription, robot: Robot) -> LogDescription:
     )
 
 
-def _check_vectors(path: Path, description: LogDescription, base: FloatingBase | None) -> None:
-    """Raise LogError for vectors of a base that the robot has not, or of unknown links."""
-    if base is None:
-        if description.base or description.contacts:
-            raise LogError(
-                "the description has [base] or [contacts], and the base of the robot is fixed: "
-                "load it with base='floating'",
-                "base='floating'",
-            )
-        return
-    for link in description.contacts:
-        if link not in base.frames:
-            unknown = unknown_name("link", link, base.frames)
-            raise LogError(f"'{path}': [contacts.{link}]: {unknown}")
+def _check_owners(path: Path, description: LogDescription, robot: Robot) -> None:
+    """Raise LogError for unknown joints and links, and a base that the robot has not."""
+    base = robot.floating_base
+    allowed: dict[str, Collection[str]] = {"joints": robot.joint_names}
+    if base is not None:
+        allowed["contacts"] = base.frames
+    elif description.base or description.contacts:
+        raise LogError(
+            "the description has [base] or [contacts], and the base of the robot is fixed: "
+            "load it with base='floating'",
+            "base='floating'",
+        )
+    for kind, names in allowed.items():
+        for owner in getattr(description, kind):
+            check_name(kind[:-1], owner, names, LogError, f"'{path}': [{kind}.{owner}]")
 
 
 def _names(
