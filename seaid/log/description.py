@@ -16,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import MOST_TOML_BYTES, read_toml, toml_key, toml_text
 from seaid._progress import MOST_NAMES, Display, counted
-from seaid.errors import LogError, listed, shortened, shown, unknown_name
+from seaid.errors import LogError, check_name, listed, shortened, shown, unknown_name
 from seaid.log.channels import (
     OF_BASE,
     OF_CONTACTS,
@@ -60,8 +60,7 @@ class Clock:
             raise LogError("a time needs either column or rate_hz")
         if self.rate_hz is not None and not 0 < self.rate_hz < math.inf:
             raise LogError(f"rate_hz must be above zero and finite, found {self.rate_hz}")
-        if self.unit not in UNIT_FACTORS["s"]:
-            raise LogError(unknown_name("unit of time", self.unit, UNIT_FACTORS["s"]))
+        check_name("unit of time", self.unit, UNIT_FACTORS["s"], LogError)
         if self.nanoseconds is not None and (self.column is None or self.unit != "s"):
             raise LogError("nanoseconds are added to a column of seconds")
 
@@ -481,9 +480,14 @@ def _clock(value: Any, where: str) -> Clock | None:
     return clock
 
 
+_LONG_NAMES = {row.short_name: name for name, row in OF_JOINTS.items() if row.short_name}
+
+
 def _joint(where: str, table: Any) -> dict[str, Source]:
     """Return the sources of a joint. Raises LogError for none, and for velocities."""
     for key in table if isinstance(table, Mapping) else ():
+        if key in _LONG_NAMES:
+            raise LogError(f"{where}: '{key}' is named '{_LONG_NAMES[key]}' in a description")
         if "velocity" in str(key) and key not in OF_JOINTS:
             name = unknown_name("key", key, OF_JOINTS)
             raise LogError(f"{where}: {name}; velocities are differentiated from positions")
