@@ -16,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, frozen
 from seaid._files import toml_table, write_csv, write_whole
 from seaid._progress import Display, sampled_text
-from seaid.errors import LogError, checked
+from seaid.errors import LogError, checked, listed
 from seaid.log import channels
 from seaid.log.base_log import BaseLog, base_log
 from seaid.log.readers.hdf5_file import write_hdf5
@@ -322,10 +322,13 @@ def _check_sensors(
     if len(fields & {"motor_position", "joint_position"}) <= needs_both or not is_enough:
         names = channels.column_names(joint, robot.is_prismatic[robot.index(joint)])
         missing = [name for name in names if name not in logged]
+        advice = f"its columns are {', '.join(names)}{near_names(missing, picked, file_names)}"
+        if own_names(robot).isdisjoint(file_names):
+            advice = f"its description names columns of the file, which are {listed(file_names)}"
         raise LogError(
             f"joint '{joint}' needs {_NEEDS[elastic]}, "
             f"found {', '.join(logged.values()) or 'none'}",
-            advice=f"its columns are {', '.join(names)}{near_names(missing, picked, file_names)}",
+            advice=advice,
         )
 
 

@@ -23,7 +23,7 @@ from seaid.checks.tolerances import BODY, LARGEST_RATIO, MOST, POOR, SLIGHT
 from seaid.drives import COMMANDS, Controller, SeriesElasticDrive, drive_table
 from seaid.drives.terms import MotorInput
 from seaid.drives.toml import drives_from_mapping
-from seaid.errors import LogError, SeaidError, abridged, checked
+from seaid.errors import LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check
 from seaid.legged import FloatingRobot, load_robot, with_leg_order
 from seaid.log import Description, Log, describe_log, low_pass, read_log
@@ -312,8 +312,8 @@ def _read_guessed(
             about.append("joints that stand still, or that no column has, are locked with locked=")
             place = files[0].with_suffix(".toml")
             about.append(
-                f"columns of the others are named in a description: seaid describe {files[0]} "
-                f"-o {place}"
+                f"columns of the others are named in a description: seaid describe {files[0]} -o "
+                f"{place}; columns that are not used: {listed(guess.unused) or 'none'}"
             )
         raise LogError("; ".join(about), "locked=") from None
 

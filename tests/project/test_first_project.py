@@ -395,6 +395,15 @@ def test_columns_of_no_joint_are_named_for_a_description(tmp_path: Path) -> None
     assert load_project(folder).robot().joint_names == ("a", "wrist_pitch")
 
 
+def test_a_column_without_a_name_is_one_for_a_description(tmp_path: Path) -> None:
+    chain(tmp_path, "arm", limit=1.0)
+    time = np.arange(400) / 200
+    rows = np.column_stack([time, np.sin(time), np.cos(time)])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="time,arm_pos", comments="")
+    with pytest.raises(SeaidError, match="columns that are not used: unnamed"):
+        write_first_project(tmp_path / "robot.urdf", tmp_path / "run.csv", folder=tmp_path / "p")
+
+
 def test_a_base_in_columns_of_its_own_stands_beside_joints_with_names_of_seaid(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
