@@ -11,7 +11,7 @@ from typing import Any, Literal
 from seaid._arrays import FrozenMapping
 from seaid._files import PROJECT_FILE, read_toml, real_path
 from seaid._progress import Display, counted
-from seaid.errors import SeaidError, Severity, checked, listed, unknown_name
+from seaid.errors import SeaidError, Severity, check_name, checked, listed
 from seaid.estimation.fitting import EstimatorName
 from seaid.identification.problem import Method
 from seaid.legged import find_contacts, load_robot
@@ -66,9 +66,8 @@ class ProjectLog:
     def read(self, robot: Robot, description: Path | None = None, repair: bool = False) -> Log:
         """Read the log; a `description` that is given takes precedence."""
         limits = Repairs() if repair or self.repair else None
-        log = read_log(
-            self.files, robot, description=description or self.description, repair=limits
-        )
+        described = description or self.description
+        log = read_log(self.files, robot, description=described, repair=limits)
         log = log if self.between_s is None else log.between(*self.between_s)
         return find_contacts(robot, log).log if self.find_contacts else log
 
@@ -303,9 +302,8 @@ def _payloads(
     for content, where in tables:
         table = reader.instance(_PayloadTable, content, where)
         condition = table.condition
-        if condition and condition not in conditions:
-            name = unknown_name("condition of a log", condition, sorted(conditions))
-            raise SeaidError(f"{where}: {name}")
+        if condition:
+            check_name("condition of a log", condition, sorted(conditions), SeaidError, where)
         xx, yy, zz, xy, xz, yz = table.inertia_kg_m2
         inertia = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
         payload = Payload(table.link, table.mass_kg, table.com_m, inertia)
@@ -319,10 +317,10 @@ def check_logs(project: Project) -> None:
         raise SeaidError(
             f"'{project.file}' has no log to identify from: add [[log]] with file = \"run.csv\""
         )
-    for log in project.logs:
-        for path in log.files:  # before a long identification whose validation would fail
-            if not path.exists():
-                raise SeaidError(f"'{project.file}': there is no log '{path}': correct its name")
+    # before a long identification whose validation would fail
+    missing = [path for log in project.logs for path in log.files if not path.exists()]
+    if missing:
+        raise SeaidError(f"'{project.file}': there is no log '{missing[0]}': correct its name")
     _check_samples(project)
     strange = {log.condition for log in project.logs_for("validate")} - {*project.conditions, ""}
     if strange:

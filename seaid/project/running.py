@@ -259,9 +259,7 @@ def run_projects(
     """
     projects = find_projects(folder)
     if not projects:
-        raise SeaidError(
-            f"no folder below '{folder}' has a {PROJECT_FILE}: write one by seaid init"
-        )
+        raise SeaidError(f"no folder below '{folder}' has a {PROJECT_FILE}: seaid init writes one")
 
     def done(number: int, x: Outcome) -> None:
         if progress:
@@ -356,14 +354,13 @@ def _identified(
     }
     alone = ("method", "refine", "condition_specific")
     shared = {name: x for name, x in vars(options).items() if name not in alone}
+    shared["progress"] = progress
     if len(read) > 1:
         specific = options.condition_specific or CONDITION_SPECIFIC
-        together = identify_conditions(
-            read, condition_specific=specific, progress=progress, **shared
-        )
+        together = identify_conditions(read, condition_specific=specific, **shared)
         return dict(together.identifications), together
     ((name, (robot, logs)),) = read.items()
-    fit = identify(robot, logs, method=options.method, progress=progress, **shared)
+    fit = identify(robot, logs, method=options.method, **shared)
     if options.refine:
         from seaid.identification import refine
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, get_args
+from zipfile import is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,8 +164,11 @@ def load_run(path: str | Path) -> Run:
     path = followed(path)
     file = path / FILE if path.is_dir() else path
     try:
-        with file.open("rb") as archive, np.load(archive, allow_pickle=False) as stored:
+        with file.open("rb") as archive:
+            stored = np.load(archive, allow_pickle=False) if is_zipfile(file) else {}
             arrays: dict[str, NDArray[Any]] = dict(stored)
+        if "content" not in arrays:
+            raise ValueError("it is no archive of a run")
         content = json.loads(arrays["content"].tobytes())
         if content["format"] != _FORMAT:
             raise SeaidError(
@@ -183,8 +187,8 @@ def load_run(path: str | Path) -> Run:
         raise SeaidError(f"'{file}' cannot be loaded: {problem}") from None
     except Exception as problem:  # a damaged file raises any exception of its readers
         raise SeaidError(
-            f"'{file}' is no saved run, which seaid run writes, and identify -o NAME.npz, or it is "
-            f"damaged: {reason_of(problem)}; repeat the run"
+            f"'{file}' is no saved run, which seaid run writes, and seaid identify -o NAME.npz, or "
+            f"it is damaged: {reason_of(problem)}; repeat the run"
         ) from None
 
 

@@ -147,7 +147,8 @@ def test_a_folder_without_a_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "damaged"),
+        (b"", "no saved run, which seaid run writes, .*: it is no archive of a run"),
+        (b"t,q\n0,1\n", "no saved run, which seaid run writes, .*: it is no archive of a run"),
         (b"PK\x03\x04 no archive", "damaged"),
         ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 5'"),
         ({"format": "seaid run 2"}, "damaged"),
@@ -168,6 +169,12 @@ def test_a_damaged_file_and_a_foreign_class_are_refused(
         np.savez(file, content=text)
     with pytest.raises(SeaidError, match=words):
         load_run(tmp_path)
+
+
+def test_another_archive_of_numpy_is_no_run(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", q=np.zeros(3))
+    with pytest.raises(SeaidError, match=r"is no saved run, .* it is no archive of a run"):
+        load_run(tmp_path / "log.npz")
 
 
 def saved(folder: Path) -> tuple[Path, dict[str, np.ndarray], dict[str, Any]]:
