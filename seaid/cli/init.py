@@ -35,7 +35,7 @@ def init(
         Their velocity gain [N m s/rad at the joint]
     columns
         Names of the columns of each log, or t,q,qd,tau: the time, and arrays in the order of the
-        joints.
+        joints; t,q,t,tau of two files of one log.
     folder
         The folder of the project.
 

@@ -94,7 +94,8 @@ def write_first_project(
         Sampling rate of logs without a column of time; then all files are those of one log, unless
         they have columns of the same names.
     columns : sequence of str, optional
-        Names for the columns of each log, as in `describe_log`; then each file is a log.
+        Names for the columns of each log, as in `describe_log`; then each file is a log, or all
+        are one log if the time is named for each of them, as ["t", "q", "t", "tau"].
     **robot_options
         Those of `load_robot`: joints, locked, payloads, gravity, independent_mimics, base, contacts
         and imu_link.
@@ -120,7 +121,7 @@ def write_first_project(
     known, of_neighbour = _known_drives(urdf, drives, bool(controllers))
     robot, joints, unnamed = _load_named_joints(urdf, known, robot_options, paths)
     describe = partial(describe_log, rate_hz=rate_hz, columns=columns)
-    reading, read = _Reading(robot, folder, describe, known is not None), list[_ReadLog]()
+    reading, read = _Reading(robot, folder, describe, columns, known is not None), list[_ReadLog]()
     files_of_logs, of_files = _files_of_logs(paths, robot, rate_hz, columns)
     for files in files_of_logs:
         read.append(reading.log(files, read))
@@ -130,7 +131,7 @@ def write_first_project(
     without, untrue = _joints_without_torque(robot, logs_read)
     tables, of_drives = dict[str, _Table](), list[str]()
     if known is None:
-        gains = {**read[0].gains, **(controllers or {})}
+        gains = {**(read[0].guess.gains if read[0].guess else {}), **(controllers or {})}
         tables, of_drives = _drives_of_logs(robot, logs_read, without, gains, guessed)
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
@@ -206,10 +207,12 @@ def _files_of_logs(
 ) -> tuple[Sequence[tuple[Path, ...]], Sequence[str]]:
     """Return the files of each log, and what is doubtful about that.
 
-    Those that the user named columns of are one log each.
+    Those that the user named columns of are one log each, or one log if a name comes again: each
+    file of it has its own time.
     """
     if columns:
-        return [(path,) for path in paths], ()
+        is_one = len({*columns}) < len(columns)
+        return [tuple(paths)] if is_one else [(path,) for path in paths], ()
     return logs_of_files(paths, robot) if rate_hz is None else (_logs_without_time(paths), ())
 
 
@@ -233,11 +236,6 @@ class _ReadLog:
     file: Path | None = None
 
     @property
-    def gains(self) -> _Gains:
-        """The gains in the log."""
-        return self.guess.gains if self.guess else {}
-
-    @property
     def new(self) -> dict[Path, Description]:
         """The file of a description that is not written yet, and the guess."""
         is_new = self.guess and self.file and not self.file.exists()
@@ -248,21 +246,26 @@ class _ReadLog:
 class _Reading:
     """The logs of a robot, read by descriptions in the `folder` of a project or by inference.
 
-    A joint whose deflection is logged has a spring, unless the drives of the robot are known.
+    A joint whose deflection is logged has a spring, unless the drives of the robot are known. The
+    `columns` are those that the user names.
     """
 
     robot: Robot
     folder: Path
     describe: Callable[..., Description]
+    columns: Sequence[str]
     are_drives_known: bool
 
     def log(self, files: tuple[Path, ...], earlier: Sequence[_ReadLog]) -> _ReadLog:
         """Read a log by the description in the project, that of an earlier log, or the guess."""
-        guess = read_or_describe(files, self.robot, self.describe)
+        read = partial(read_or_describe, describe=self.describe)
+        guess = (self.describe if self.columns else read)(files, self.robot)
         if isinstance(guess, Log):
             return _ReadLog(files, guess)
         robot = self.with_springs([guess])
         file = self.folder / f"{files[0].stem}_columns.toml"
+        if file.exists() and self.columns:
+            raise SeaidError(f"'{file}' names the columns: remove it, or columns=", "columns=")
         if file.exists():
             return _ReadLog(files, read_log(files, robot, description=file), guess, file)
         for entry in earlier if len(files) == 1 else ():

@@ -395,6 +395,48 @@ def test_columns_of_no_joint_are_named_for_a_description(tmp_path: Path) -> None
     assert load_project(folder).robot().joint_names == ("a", "wrist_pitch")
 
 
+@pytest.mark.parametrize(
+    "name", ["time,arm_pos,arm_torque", "time_s,arm.joint_position_rad,arm.motor_torque_Nm"]
+)
+def test_names_of_the_user_win_over_a_description_and_names_of_seaid(
+    tmp_path: Path, name: str
+) -> None:
+    """Here they exchange the columns; where they would be those of an old file it is refused."""
+    chain(tmp_path, "arm", limit=1.0)
+    time = np.arange(400) / 200
+    log, folder = tmp_path / "run.csv", tmp_path / "p"
+    rows = np.column_stack([time, np.sin(time), np.cos(3 * time)])
+    np.savetxt(log, rows, delimiter=",", header=name, comments="")
+    sources = '[joints.arm]\njoint_position = "arm_pos"\nmotor_torque = "arm_torque"\n'
+    log.with_suffix(".toml").write_text(f'time = "time"\n{sources}' * name.startswith("time,"))
+    made = write_first_project(
+        tmp_path / "robot.urdf", log, folder=folder, columns=["t", "tau", "q"]
+    )
+    project = load_project(folder)
+    read = project.logs[0].read(project.robot())
+    assert read.motor_torque[:, 0] == pytest.approx(np.sin(time))
+    assert read.joint_position[:, 0] == pytest.approx(np.cos(3 * time))
+    made.files[0].unlink()
+    with pytest.raises(SeaidError, match=r"_columns\.toml' names the columns: remove it"):
+        write_first_project(tmp_path / "robot.urdf", log, folder=folder, columns=["t", "q", "tau"])
+
+
+def test_files_of_a_log_are_joined_where_the_user_names_the_time_of_each(tmp_path: Path) -> None:
+    chain(tmp_path, "hip", "knee")
+    time = np.arange(400) / 200
+    q, tau = (np.column_stack([f(time), f(2 * time)]) for f in (np.sin, np.cos))
+    for name, values in (("q.csv", q), ("tau.csv", tau)):
+        np.savetxt(tmp_path / name, np.column_stack([time, values]), delimiter=",")
+    logs = [tmp_path / "q.csv", tmp_path / "tau.csv"]
+    columns = ["t", "q", "t", "tau"]
+    write_first_project(tmp_path / "robot.urdf", logs, folder=tmp_path, columns=columns)
+    project = load_project(tmp_path)
+    (log,) = project.logs
+    read = log.read(project.robot())
+    assert read.joint_position == pytest.approx(q)
+    assert read.motor_torque == pytest.approx(tau)
+
+
 def test_a_column_without_a_name_is_one_for_a_description(tmp_path: Path) -> None:
     chain(tmp_path, "arm", limit=1.0)
     time = np.arange(400) / 200
