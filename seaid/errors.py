@@ -149,8 +149,7 @@ class Finding:
 
 def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return findings from the worst to the mildest, without repetitions, else in their order."""
-    once = dict.fromkeys(findings)
-    return tuple(sorted(once, key=lambda finding: SEVERITIES.index(finding.severity)))
+    return tuple(sorted(dict.fromkeys(findings), key=lambda x: SEVERITIES.index(x.severity)))
 
 
 def visible(text: str) -> str:
@@ -316,6 +315,9 @@ class Least:
 
 Seed = Annotated[int, Least(0)]
 """A seed of random numbers."""
+
+Hertz = Annotated[float, Least(1e-3)]
+"""A sampling rate or a cutoff [Hz]; 1 mHz is far below those of a robot's motion."""
 
 
 @dataclass(frozen=True)

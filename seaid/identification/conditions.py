@@ -14,7 +14,7 @@ from types import MappingProxyType
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
 from seaid.drives import PARAMETERS, ParameterName
-from seaid.errors import IdentificationError, check_name, checked, listed, shown
+from seaid.errors import Hertz, IdentificationError, check_name, checked, listed, shown
 from seaid.estimation import TermTest
 from seaid.estimation.estimate import independent_rows
 from seaid.estimation.fitting import LinearEstimator
@@ -64,7 +64,7 @@ def identify_conditions(
     torque_joints: str | Sequence[str] | None = None,
     estimator: LinearEstimator = "wls",
     feasible: bool = False,
-    cutoff_hz: float | None = None,
+    cutoff_hz: Hertz | None = None,
     encoder_offset_std: float = 0.0,
     known_std: Mapping[str, float] = MappingProxyType({}),
     progress: bool = False,

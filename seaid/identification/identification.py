@@ -20,7 +20,7 @@ from seaid.checks.predictions import not_measured, unseen_motion
 from seaid.checks.setup import log_findings
 from seaid.checks.tolerances import MOST
 from seaid.checks.verdict import explained
-from seaid.errors import Finding, IdentificationError, checked
+from seaid.errors import Finding, Hertz, IdentificationError, checked
 from seaid.estimation.fitting import EstimatorName
 from seaid.estimation.parameters import with_groups
 from seaid.identification import output_error
@@ -51,7 +51,7 @@ def identify(
     method: Method = "auto",
     estimator: EstimatorName = "wls",
     feasible: bool = False,
-    cutoff_hz: float | None = None,
+    cutoff_hz: Hertz | None = None,
     encoder_offset_std: float = 0.0,
     known_std: Mapping[str, float] = MappingProxyType({}),
     share: Mapping[str, Sequence[str]] = MappingProxyType({}),

@@ -23,7 +23,7 @@ from seaid.checks.tolerances import BODY, LARGEST_RATIO, MOST, POOR, SLIGHT
 from seaid.drives import COMMANDS, Controller, SeriesElasticDrive, drive_table
 from seaid.drives.terms import MotorInput
 from seaid.drives.toml import drives_from_mapping
-from seaid.errors import LogError, SeaidError, abridged, checked, listed
+from seaid.errors import Hertz, LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check
 from seaid.legged import FloatingRobot, load_robot, with_leg_order
 from seaid.log import Description, Log, describe_log, low_pass, read_log
@@ -67,7 +67,7 @@ def write_first_project(
     drives: str | Path | None = None,
     folder: str | Path = ".",
     controllers: Mapping[str, Controller] | None = None,
-    rate_hz: float | None = None,
+    rate_hz: Hertz | None = None,
     columns: Sequence[str] = (),
     **robot_options: Any,
 ) -> FirstProject:

@@ -38,6 +38,9 @@ MISTAKES = {
     "identify arm.urdf no.csv -o run.csv/p.json": "cannot write 'run.csv/p.json': Not a directory",
     # values out of range
     "check arm.urdf run.csv --cutoff-hz -3": "--cutoff-hz must be between 0 and half the sampling",
+    "identify arm.urdf run.csv --cutoff-hz -3 -o {}/p.json": "Error: --cutoff-hz must be a number",
+    "describe run.csv --rate-hz 0": "Error: --rate-hz must be a number of 0.001 or more, found 0",
+    "init arm.urdf run.csv --rate-hz -1 --folder {}": "Error: --rate-hz must be a number of 0.001",
     "validate arm.urdf run.csv --cross": "record more, or raise --cutoff-hz",
     "validate arm.urdf run.csv --cross --parts 1 --cutoff-hz 9": "--parts must be a whole number",
     "identify arm.urdf run.csv --estimator iv --method simultaneous -o {}/a.json": (

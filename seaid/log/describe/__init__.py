@@ -22,7 +22,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.drives import COMMANDS, Controller
-from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
+from seaid.errors import Hertz, LogError, abridged, checked, in_one_line, listed, shortened
 from seaid.log.channels import UNIT_FACTORS
 from seaid.log.describe.base import infer_base
 from seaid.log.describe.inference import Doubt, Inference, check_used, is_state, sentences
@@ -122,7 +122,7 @@ def describe_log(
     path: str | Path | Sequence[str | Path] | Mapping[str, Any],
     robot: Robot | None = None,
     *,
-    rate_hz: float | None = None,
+    rate_hz: Hertz | None = None,
     columns: Sequence[str] = (),
 ) -> Description:
     """Infer a log description from the names and values of the columns of a log.
