@@ -242,8 +242,8 @@ _COARSE = 0.1
 
 _TOO_FEW_DIGITS = (
     "; if the stamps have too few digits (seconds since 1970 need 13), write more, or, if the "
-    "samples are equidistant, "
-    "give their rate in the description of the log: time = { rate_hz = ... }"
+    "samples are equidistant, give their rate in the description of the log: time = { rate_hz = "
+    "... }, as seaid.describe_log writes it with rate_hz="
 )
 
 
@@ -261,11 +261,13 @@ def _check_time(time: Array) -> None:
         if np.any(bad):
             row = int(np.flatnonzero(bad)[0]) + 1
             is_coarse = word == "repeats" and np.mean(bad) > _COARSE
+            remedy = "sort or drop these samples, or repair them with repair=seaid.Repairs()"
+            remedy = "it is constant" if np.all(steps == 0) else remedy
             raise LogError(
                 f"time_s {word} at sample {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s; "
-                f"{int(bad.sum())} such places); it must increase: sort or drop these samples, "
-                f"or repair them with repair=seaid.Repairs(){_TOO_FEW_DIGITS if is_coarse else ''}",
-                "repair=seaid.Repairs()",
+                f"{int(bad.sum())} such places); it must increase: {remedy}"
+                f"{_TOO_FEW_DIGITS if is_coarse else ''}",
+                *("repair=seaid.Repairs()", "seaid.describe_log", "rate_hz="),
             )
 
 

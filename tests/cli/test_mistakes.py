@@ -11,6 +11,9 @@ from tests.cli.small_arm import refused, run
 def files(arm: Path) -> None:
     """Write the files that the lines below name."""
     (arm / "other_language.csv").write_text("время,положение,момент\n0,1,2\n", "utf-8")
+    rows = (arm / "run.csv").read_text("utf-8").splitlines()
+    still = [rows[0], *(f"0,{row.partition(',')[2]}" for row in rows[1:])]
+    (arm / "no_time.csv").write_text("\n".join(still), "utf-8")
     (arm / "log.toml").write_text('[joints.elbow]\njoint_position = "q"\n')
 
 
@@ -41,6 +44,7 @@ MISTAKES = {
     "identify arm.urdf run.csv --cutoff-hz -3 -o {}/p.json": "Error: --cutoff-hz must be a number",
     "describe run.csv --rate-hz 0": "Error: --rate-hz must be a number of 0.001 or more, found 0",
     "init arm.urdf run.csv --rate-hz -1 --folder {}": "Error: --rate-hz must be a number of 0.001",
+    "check arm.urdf no_time.csv": "as seaid describe writes it with --rate-hz",
     "validate arm.urdf run.csv --cross": "record more, or raise --cutoff-hz",
     "validate arm.urdf run.csv --cross --parts 1 --cutoff-hz 9": "--parts must be a whole number",
     "identify arm.urdf run.csv --estimator iv --method simultaneous -o {}/a.json": (

@@ -79,6 +79,10 @@ MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
         ("time_s repeats at sample 1 (1.7e+09 s", "299 such places", RATE),
     ),
     (
+        {"time_s": np.full(300, 2.5)},
+        ("299 such places); it must increase: it is constant; if the stamps", RATE),
+    ),
+    (
         {"time_s": np.floor(1.7e9 + TIME)},
         ("time_s repeats at sample 1", "seconds since 1970 need 13", RATE),
     ),
