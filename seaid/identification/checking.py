@@ -342,27 +342,26 @@ def without_standing(
 
 def _has_terms(robot: Robot, joint: str, used: Sequence[str]) -> bool:
     """Whether a drive has a spring, or terms in the equation of a joint whose torque is used."""
-    if robot.drives[joint].is_elastic:
-        return True
-    return joint in used and bool(motor_regressor(robot, joint).names)
+    is_elastic = robot.drives[joint].is_elastic
+    return is_elastic or (joint in used and bool(motor_regressor(robot, joint).names))
 
 
-def check_channels(logs: Sequence[Log], locked: Collection[str] = ()) -> None:
+def check_channels(
+    robot: Robot, logs: Sequence[Log], used: Collection[str], locked: Collection[str]
+) -> None:
     """Raise LogError if a sensor is constant while another sensor of its joint moves.
 
-    The outputs of joints that are `locked` are constant.
+    The outputs of joints that are `locked` are constant. Of joints without a spring the torques of
+    those `used` only have an equation.
     """
     for log in logs:
         for index, joint in enumerate(log.joint_names):
-            channels = {
-                "motor position": log.motor_position[:, index],
-                "joint position": log.joint_position[:, index],
-            }
-            sides = motor, output = tuple(channels)
+            sides = motor, output = "motor position", "joint position"
+            channels = {motor: log.motor_position[:, index], output: log.joint_position[:, index]}
             pairs = [(motor, output)] if joint in locked else [(motor, output), (output, motor)]
             torques = {"motor torque": log.motor_torque, "joint torque": log.joint_torque}
             for name, torque in torques.items():
-                if torque is not None:
+                if torque is not None and joint in (*used, *robot.elastic_joints):
                     channels[name] = torque[:, index]
                     pairs += [(name, side) for side in sides]
             for dead, moving in pairs:
@@ -375,8 +374,8 @@ def _check_alive(joint: str, name: str, values: Array, moving: str, position: Ar
         raise LogError(
             f"the {name} of '{joint}' is {values[0]:.6g} all the time, while its {moving} moves: a "
             "dead channel? Exclude its column from the log, or the joint with joints=[...] of "
-            "load_robot",
-            "joints=[...] of load_robot",
+            "load_robot, or, if it has no spring, its torque by torque_joints= of the others",
+            *("joints=[...] of load_robot", "torque_joints="),
         )
 
 

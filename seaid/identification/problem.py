@@ -355,7 +355,7 @@ def _logs_of(
         if len(logs) == len(read):
             parts = [part for log in logs for part in stretches(log)]
             standing = checking.standing_joints(robot, parts, list(chain(*motions_by_log)))
-        checking.check_channels(logs, locked)
+        checking.check_channels(robot, logs, selected, locked)
         datasets = list(chain(*groups))
         check_temperatures(robot, datasets)
     setup_joints = {*selected, *robot.elastic_joints} - {*standing}

@@ -1,6 +1,7 @@
 """identify: its choices, its result, and logs that have no answer."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from seaid.errors import ExcitationError, IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification import Identification, cross_validate, identify
+from seaid.identification.checking import check_channels
 from seaid.legged import load_robot
 from seaid.log import Log, open_long_log, write_log
 from seaid.regressor import joint_torques
@@ -33,6 +35,20 @@ KNOWN = leg(TEST_MASS).without_nominal()
 def changed(field: str, joint: str, value: float) -> Log:
     """Return the log with one signal of one joint held at a value."""
     return with_channels(leg_log(), joint, **{field: lambda x: np.full_like(x, value)})
+
+
+def test_a_dead_torque_is_no_mistake_where_no_equation_has_it() -> None:
+    """That of a joint with a spring is in the equation of its motor in any case."""
+    joints = leg().joint_names
+    for joint, used, is_refused in (
+        ("hip_yaw", joints, True),
+        ("hip_yaw", [x for x in joints if x != "hip_yaw"], False),
+        ("knee_pitch", [x for x in joints if x != "knee_pitch"], True),
+    ):
+        dead = changed("motor_torque", joint, 0.0)
+        with pytest.raises(LogError) if is_refused else nullcontext() as caught:
+            check_channels(leg(), [dead], used, ())
+        assert caught is None or "its torque by torque_joints= of the others" in str(caught.value)
 
 
 def test_found_robot_has_the_found_values() -> None:
