@@ -45,6 +45,8 @@ MOVED = {
 }
 """{former command: what to write now}."""
 
+_COMPLETION = 'write eval "$(_SEAID_COMPLETE=bash_source seaid)" into ~/.bashrc (zsh: zsh_source)'
+
 RENAMED = {
     "--sides": "write --method two-step or simultaneous",
     "--rows": "write --torque-joints",
@@ -53,9 +55,14 @@ RENAMED = {
     "--allow-impossible": "write --allow-inconsistent",
     "--free-ends": "write --ends-in-motion",
     "--delays": "write seaid check without it, which names late channels",
+    "--figure": "write seaid report --multisine LOG, which draws the responses",
+    "--no-browser": "write seaid view without it, which opens no browser unless with --open",
+    "inspect --plan": "seaid excite shows the measures of its plan, and "
+    "seaid.excitation.excitation_measures those of any",
+    **dict.fromkeys(("--install-completion", "--show-completion"), _COMPLETION),
     **dict.fromkeys(("--condition", "--specific", "--condition-payload"), MOVED["conditions"]),
 }
-"""{former option: what to write now}."""
+"""{former option, of one command behind its name: what to write now}."""
 
 
 class _Commands(click.Group):
@@ -71,14 +78,17 @@ class _Commands(click.Group):
             with formatter.section(title):
                 formatter.write_dl([(name, summary_of(name)) for name in names])
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """Note which command runs, refuse former names, and find the command."""
-        begin(args[0] if args[0] in COMMANDS else "seaid", args)
-        if args[0] in MOVED:
-            raise click.UsageError(f"'seaid {args[0]}' is no longer there: {MOVED[args[0]]}")
-        for option in RENAMED.keys() & {word.partition("=")[0] for word in args}:
-            raise click.UsageError(f"'{option}' is no longer there: {RENAMED[option]}")
-        return super().resolve_command(ctx, args)
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Note which command runs, and refuse former names, of options before a command too."""
+        command = next(iter(args), "")
+        begin(command if command in COMMANDS else "seaid", args)
+        words = {word.partition("=")[0] for word in args}
+        with reported():
+            if command in MOVED:
+                raise click.UsageError(f"'seaid {command}' is no longer there: {MOVED[command]}")
+            for option in RENAMED.keys() & {*words, *(f"{command} {word}" for word in words)}:
+                raise click.UsageError(f"'{option}' is no longer there: {RENAMED[option]}")
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""

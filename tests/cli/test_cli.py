@@ -166,7 +166,8 @@ def test_a_file_that_is_there_is_overwritten_with_force_only(
 def test_a_former_word_names_what_to_write_now(former: str) -> None:
     """What is named instead exists, and the JSON of a former command has the same error."""
     instead = MOVED.get(former) or RENAMED[former]
-    words = ("identify", "arm.urdf", f"{former}=x") if former in RENAMED else (former, "arm.urdf")
+    words = ["identify", "arm.urdf", f"{former}=x"] if former in RENAMED else [former, "arm.urdf"]
+    words = former.split() if " " in former or "completion" in former else words
     name = former if former in RENAMED else f"seaid {former}"
     message = f"'{name}' is no longer there: {instead}"
     said = run(*words)
