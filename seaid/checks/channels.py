@@ -18,7 +18,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Channel, Observation, channels_of, in_description, in_drives
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
-from seaid.errors import Finding, listed
+from seaid.errors import Certainty, Finding, Severity, listed
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
 from seaid.log.channels import UNIT_FACTORS
@@ -64,12 +64,12 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
             unit = min(rates, key=lambda unit: abs(float(np.log(rates[unit] / usual_hz))))
             text = f"its time seems to be in {unit}, which gives {rates[unit]:.4g} Hz"
             remedy = f"in the description of the log:\ntime = {as_toml(source | {'unit': unit})}"
-        yield CODES["time-unit"].wrong(
+        message, evidence = (
             f"the log has {rate:.3g} samples per second: {text}",
-            evidence={"rate [Hz]": rate},
-            remedy=remedy,
-            certainty="certain" if rates else "likely",
+            {"rate [Hz]": rate},
         )
+        sure: Certainty = "certain" if rates else "likely"
+        yield CODES["time-unit"].finding(message, "", "wrong", evidence, remedy, sure)
 
 
 def _changed(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, Any]]:
@@ -108,7 +108,6 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
                 "end of their range to the other, and move on as before",
                 evidence={"period": first},
                 remedy=in_description(lines, name),
-                certainty="certain",
                 joints=tuple(lines),
             )
 
@@ -191,9 +190,7 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
                 f"encoders of {listed(lines)} have new values at every {most}th sample of {name}, "
                 "and hold them in between, as no position does: speeds are those of a staircase",
                 evidence={"samples per new value": float(most)},
-                remedy=f"{in_description(lines, name)}\n# which is repaired: what was held is "
-                "interpolated",
-                certainty="certain",
+                remedy=f"{in_description(lines, name)}\n# held samples are then interpolated",
                 joints=tuple(lines),
             )
         elif channels and np.ptp(steps) < tol.NEGLIGIBLE * np.median(steps) and not is_resampled:
@@ -215,7 +212,6 @@ def _lost_of(positions: Sequence[Array], name: str) -> Iterator[Finding]:
             severity="wrong" if jumps or np.sum(lost) > many else "doubtful",
             evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)},
             remedy="record anew with the clock of the robot: gaps are then bridged or excluded",
-            certainty="certain",
         )
 
 
@@ -273,7 +269,6 @@ def _missing_drives(logged: Logged) -> Iterator[Finding]:
                 first,
                 evidence={"motor over joint motion": ratio},
                 remedy=f"option: --drives FILE, or without one\n{in_drives(tables)}",
-                certainty="certain",
             )
 
 
@@ -321,7 +316,6 @@ def _references(logged: Logged) -> Iterator[Finding]:
                 joint,
                 evidence={"reference position": reference, "lowest": low, "highest": high},
                 remedy=in_drives({(joint,): f"reference_position_rad = {(low + high) / 2:.2g}"}),
-                certainty="certain",
             )
 
 
@@ -368,15 +362,12 @@ def _saturated(logged: Logged) -> Iterator[Finding]:
         if quantity == "joint_torque":
             text = "its sensor does not measure the torques beyond it"
             remedy = "leave the column of this sensor out of the description of the log"
-        yield CODES["saturation"].finding(
-            f"the {quantity.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, during "
-            f"{share:.1%} of the time of {name}: {text}",
-            joint,
-            "doubtful" if quantity.endswith("torque") else "note",
-            {"share at the limit": share, "limit": limit},
-            f"record a slower motion, or {remedy}",
-            "certain",
-        )
+        message = f"the {quantity.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, "
+        message += f"during {share:.1%} of the time of {name}: {text}"
+        severity: Severity = "doubtful" if quantity.endswith("torque") else "note"
+        evidence = {"share at the limit": share, "limit": limit}
+        of_joint = message, joint, severity, evidence, f"record a slower motion, or {remedy}"
+        yield CODES["saturation"].finding(*of_joint, "certain")
 
 
 def _locked(logged: Logged) -> Iterator[Finding]:
@@ -422,12 +413,12 @@ def _standing(logged: Logged) -> Iterator[Finding]:
     swings = [float(np.ptp(side)) for side in sides if np.all(np.isfinite(side))]
     if not swings or max(swings) >= tol.LEAST_SWING or locked_outputs(logged.robot, logged.logs):
         return
-    yield CODES["standstill"].finding(
-        f"the robot hardly moves: its widest motion is {max(swings):.2g} rad or m",
-        evidence={"widest motion": max(swings)},
-        remedy="record a wider motion: seaid excite plans one",
-        certainty="certain",
+    text = f"the robot hardly moves: its widest motion is {max(swings):.2g} rad or m"
+    remedy, evidence = (
+        "record a wider motion: seaid excite plans one",
+        {"widest motion": max(swings)},
     )
+    yield CODES["standstill"].finding(text, evidence=evidence, remedy=remedy)
 
 
 def without_torque(findings: Iterable[Finding]) -> set[str]:
@@ -453,7 +444,7 @@ def excluded_findings(processing: Iterable[Processing]) -> Iterator[Finding]:
     """Yield notes of the samples that were excluded: rest at the ends, frozen channels, holes."""
     for repair in (repair for each in processing for repair in each.excluded):
         code = CODES["standstill"] if repair.kind == REST else CODES["holes"]
-        yield code.note(str(repair), certainty="certain")
+        yield code.note(str(repair))
 
 
 def excluded_instants(place: str, share: float, has_contacts: bool) -> Iterator[Finding]:
@@ -482,13 +473,8 @@ def standstill_findings(
                 f"locked = {{ {toml_key(joint)} = {at} }}"
             )
             evidence = {"position": positions[joint]}
-        yield CODES["standstill"].finding(
-            f"{text}: its {what} and rotor inertia are not estimated, and its torque is not used",
-            joint,
-            evidence=evidence,
-            remedy=remedy,
-            certainty="certain",
-        )
+        text += f": its {what} and rotor inertia are not estimated, and its torque is not used"
+        yield CODES["standstill"].finding(text, joint, evidence=evidence, remedy=remedy)
 
 
 def offset_findings(experiment: Experiment) -> Iterator[Finding]:
@@ -522,15 +508,13 @@ def _offset(experiment: Experiment, j: int, number: int, change: float, size: fl
     offset = -change * experiment.lever[j] if size else change
     times = f", {abs(change) / size:.2g} times the deflection of its spring (rms)" if size else ""
     source = changed_source(experiment.source(j, quantity, number - 1), offset=offset)
-    return CODES["encoder-offsets-differ"].finding(
-        f"the encoder offsets of {joint} differ by {abs(change):.4g} at the joint between log 1 "
-        f"and log {number}{times}: the robot was switched on anew",
-        joint,
-        "wrong" if size else "doubtful",
-        {"difference at the joint": change},
-        in_description({joint: {quantity: source}}, f"log {number}"),
-        "certain" if size else "likely",
-    )
+    message = f"the encoder offsets of {joint} differ by {abs(change):.4g} at the joint between "
+    message += f"log 1 and log {number}{times}: the robot was switched on anew"
+    remedy = in_description({joint: {quantity: source}}, f"log {number}")
+    evidence, code = {"difference at the joint": change}, CODES["encoder-offsets-differ"]
+    if size:
+        return code.wrong(message, joint, evidence=evidence, remedy=remedy, certainty="certain")
+    return code.finding(message, joint, evidence=evidence, remedy=remedy)
 
 
 def strength_findings(experiment: Experiment) -> Iterator[Finding]:
@@ -613,22 +597,19 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
     ends = np.array([robot.lower_limits, robot.upper_limits])
     # NaN in place of a range without an end: its comparison below is False.
     ends[:, ~np.all(np.isfinite(ends), axis=0)] = np.nan
-    looked_at = (
-        ("position", experiment.joint[0] - np.mean(ends, axis=0), 0.5 * np.ptp(ends, axis=0)),
-        ("speed", experiment.joint[1], robot.velocity_limits),
-        ("torque", experiment.target, robot.effort_limits),
-    )
-    for name, values, limits in looked_at:
+    angles, half = experiment.joint[0] - np.mean(ends, axis=0), 0.5 * np.ptp(ends, axis=0)
+    values_of = {"position": angles, "speed": experiment.joint[1], "torque": experiment.target}
+    limits_of = half, robot.velocity_limits, robot.effort_limits
+    for (name, values), limits in zip(values_of.items(), limits_of, strict=True):
         for j, joint in enumerate(robot.joint_names):
             largest, limit = float(np.max(np.abs(values[:, j]))), float(limits[j])
             if 0 < tol.MANY_TIMES * limit < largest:
-                yield CODES["unit"].finding(
+                text = (
                     f"the {name} of {joint} reaches {largest / limit:.3g} times the limit of the "
-                    "robot file: check the unit of its channels and of the time",
-                    joint,
-                    evidence={f"{name} over its limit": largest / limit},
-                    certainty="possible",
                 )
+                text += "robot file: check the unit of its channels and of the time"
+                evidence = {f"{name} over its limit": largest / limit}
+                yield CODES["unit"].finding(text, joint, evidence=evidence, certainty="possible")
 
 
 def decided_delays(experiment: Experiment, known: Sequence[Finding]) -> Iterator[Finding]:

@@ -62,6 +62,8 @@ class Code:
     kind : {"cause", "symptom", ""}
         "symptom": something is off, and not why; what spoils a fit brings it with it. "cause": what
         spoils the fit of its joint, or of all joints if a finding names none.
+    certainty : {"certain", "likely", "possible"}
+        That of its findings, unless a case has another one.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Code:
     measurement: str = ""
     implies: str = ""
     kind: Literal["cause", "symptom", ""] = ""
+    certainty: Certainty = "likely"
 
     def finding(
         self,
@@ -79,16 +82,17 @@ class Code:
         severity: Severity = "doubtful",
         evidence: Mapping[str, float] = FrozenMapping({}),
         remedy: str | None = None,
-        certainty: Certainty = "likely",
+        certainty: Certainty | None = None,
         joints: tuple[str, ...] = (),
     ) -> Finding:
         """Return a finding of this code; the arguments are the attributes of `Finding`.
 
         The joint is the only one of `joints` unless it is named, and the remedy is the advice of
-        the code unless there is one of the case.
+        the code unless there is one of the case, as is the certainty.
         """
         joint, remedy = joint or only_joint(joints), self.advice if remedy is None else remedy
-        return Finding(self.name, message, joint, severity, evidence, remedy, certainty, joints)
+        sure = certainty or self.certainty
+        return Finding(self.name, message, joint, severity, evidence, remedy, sure, joints)
 
     wrong = partialmethod(finding, severity="wrong")
     """Return a `finding` by which the result is not to be used."""

@@ -143,14 +143,12 @@ def motor_side_findings(
         damping, error = sizes.get(1, (0.0, 0.0))
         fall, error_of_fall = sizes.get(2, (0.0, 0.0))
         if damping > SURE * error:  # of which the other term has a part
-            yield CODES["motor-side"].finding(
-                f"the spring of {joint} has damping that its drive lacks, a damping ratio of "
-                f"{damping / 2:.2%} of its load, {damping / error:.0f} standard errors: its "
-                "stiffness and friction may be wrong by more than their intervals",
-                joint,
-                evidence={"damping ratio": damping / 2, "standard error": error / 2},
-                remedy=in_drives({(joint,): 'spring = ["linear", "damping"]'}),
-            )
+            text = f"the spring of {joint} has damping that its drive lacks, a damping ratio of "
+            text += f"{damping / 2:.2%} of its load, {damping / error:.0f} standard errors: its "
+            text += "stiffness and friction may be wrong by more than their intervals"
+            evidence = {"damping ratio": damping / 2, "standard error": error / 2}
+            lines = in_drives({(joint,): 'spring = ["linear", "damping"]'})
+            yield CODES["motor-side"].finding(text, joint, "doubtful", evidence, lines)
         elif fall > ndtri(0.99) * error_of_fall:
             yield _flexible(joint, fall, error_of_fall, antiresonances_hz[joint])
         elif 2 in sizes:
@@ -191,12 +189,11 @@ def noisy_springs(unexplained: Mapping[str, float]) -> Iterator[Finding]:
     """Yield the joints whose torque, as their motors feel it, is mostly not explained."""
     for joint, part in unexplained.items():
         if part > MOST:
-            yield CODES["motor-side"].finding(
-                f"{part:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
-                "not explained: its stiffness and load may be wrong by more than their intervals",
-                joint,
-                evidence={"unexplained": part},
+            text = f"{part:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
+            text += (
+                "not explained: its stiffness and load may be wrong by more than their intervals"
             )
+            yield CODES["motor-side"].finding(text, joint, evidence={"unexplained": part})
 
 
 def hidden_springs(
@@ -285,7 +282,6 @@ def wrong_minimum(lack_of_fit: float) -> Finding:
         f"{lack_of_fit:.3g} times as large as what does not; the search may have ended in a wrong "
         "minimum, or links or gears are elastic",
         evidence={"error_ratio": lack_of_fit},
-        certainty="possible",
     )
 
 
@@ -328,7 +324,6 @@ def stiffness_disagrees(joint: str, response: Estimate, identified: Estimate) ->
             joint,
             evidence={"frequency_response": k, "identification": other_k},
             remedy="compare the terms of the spring with compare_terms, or motions of one size",
-            certainty="possible",
         )
 
 

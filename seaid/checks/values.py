@@ -49,15 +49,11 @@ def disagreement(
     differing = [names[place] for place in np.argsort(-scores) if scores[place]]
     numbers = {way: float(values[worst]) for way, values in ways.items()}
     sizes = " and ".join(f"{number:.4g}" for number in numbers.values())
-    yield code.finding(
-        f"{' and '.join(ways)} give different values of {listed(differing, 4)}: {names[worst]} is "
-        f"{f'{sizes} {rows.units[worst]}'.strip()}, {scores[worst]:.0f} standard errors of the "
-        "difference apart",
-        joint,
-        evidence={**numbers, "standard errors": float(scores[worst])},
-        remedy=remedy,
-        certainty="possible",
-    )
+    text = f"{' and '.join(ways)} give different values of {listed(differing, 4)}: {names[worst]} "
+    text += f"is {f'{sizes} {rows.units[worst]}'.strip()}, {scores[worst]:.0f} standard errors of "
+    evidence = {**numbers, "standard errors": float(scores[worst])}
+    text += "the difference apart"
+    yield code.finding(text, joint, evidence=evidence, remedy=remedy, certainty="possible")
 
 
 def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[Finding]:
@@ -74,15 +70,13 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
     if pull > tol.HARDLY and not np.all(zero_fits):
         names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
-        yield CODES["homogeneous"].finding(
-            f"the torque of {listed(names)} is smaller than what the model leaves unexplained: "
-            "without a known torque zero parameters fit best, and noise in the accelerations pulls "
-            f"all parameters towards zero, by about {pull:.0%}",
-            names[0],
-            "wrong" if pull > tol.RARE else "doubtful",
-            {"reduction": pull},
-            f"cutoff_hz={cutoff_hz / 2:.2g} against the noise, or leave it out of torque_joints=",
-        )
+        message = f"the torque of {listed(names)} is smaller than what the model leaves "
+        message += "unexplained: without a known torque zero parameters fit best, and noise in the "
+        message += f"accelerations pulls all parameters towards zero, by about {pull:.0%}"
+        remedy = f"cutoff_hz={cutoff_hz / 2:.2g} against the noise, or leave it out of "
+        severity: Severity = "wrong" if pull > tol.RARE else "doubtful"
+        of_joint = message, names[0], severity, {"reduction": pull}, f"{remedy}torque_joints="
+        yield CODES["homogeneous"].finding(*of_joint)
 
 
 # The noise of a fit
@@ -344,14 +338,11 @@ def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator
             yield CODES["unidentifiable"].note(message, joint, certainty="likely")
             continue
         (second,) = {*_ONE_SIDED} - {name}
-        yield CODES["unidentifiable"].finding(
-            f"{what}: the spring is loaded in one direction only and shows one end of its dead "
-            f"zone, so that this value, {fixed}, is arbitrary, and that of "
-            f"{second.replace('_', ' ')} is wrong by as much",
-            joint,
-            evidence={name: drive.values[name]},
-            certainty="certain",
-        )
+        text = f"{what}: the spring is loaded in one direction only and shows one end of its dead "
+        text += f"zone, so that this value, {fixed}, is arbitrary, and that of "
+        text += f"{second.replace('_', ' ')} is wrong by as much"
+        evidence = {name: drive.values[name]}
+        yield CODES["unidentifiable"].finding(text, joint, evidence=evidence, certainty="certain")
 
 
 def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
@@ -368,7 +359,6 @@ def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
             f"{spread:.0%}: alone it is {alone}",
             severity="doubtful" if spread > tol.POOR else "note",
             evidence=values,
-            remedy="give the drive that differs a group of its own (shared = ..., share=), or none",
             joints=shared.joints,
         )
 

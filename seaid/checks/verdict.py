@@ -501,13 +501,11 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
         if error > tol.NOTHING or (min(error, fit.own) > tol.MOST and joint not in whole.weak):
             yield _misfit(whole, joint, error)
         elif fit.nominal < tol.MOST**0.5 * fit.identified and fit.identified > tol.POOR:
-            yield CODES["no-fit"].finding(
-                f"the bodies of the robot file predict the torque of {joint} better, with an error "
-                f"of {fit.nominal:.1%}, than the identified ones, with {fit.identified:.1%}",
-                joint,
-                evidence={"identified bodies": fit.identified, "nominal bodies": fit.nominal},
-                remedy="record a longer motion that moves this joint and those behind it more",
-            )
+            text = f"the bodies of the robot file predict the torque of {joint} better, with an "
+            text += f"error of {fit.nominal:.1%}, than the identified, with {fit.identified:.1%}"
+            evidence = {"identified bodies": fit.identified, "nominal bodies": fit.nominal}
+            remedy = "record a longer motion that moves this joint and those behind it more"
+            yield CODES["no-fit"].finding(text, joint, evidence=evidence, remedy=remedy)
 
 
 def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
@@ -579,7 +577,6 @@ def _few_rows(whole: RobotFit) -> Iterator[Finding]:
             f"{count:.2g} independent rows per parameter{unseen * is_unclear}: the logs are too "
             "short for so many parameters",
             evidence={"independent rows per parameter": count, "error in other motions": error},
-            remedy="record a longer motion, or remove terms of the drives",
         )
 
 
