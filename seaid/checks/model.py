@@ -16,7 +16,7 @@ from itertools import chain, compress, product
 import numpy as np
 
 from seaid._arrays import Array, BoolArray
-from seaid.checks import engine
+from seaid.checks import codes, engine
 from seaid.checks.codes import CODES, EXPLAINED, Cause, guarded, joints_of, notes_beside, undecided
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.gears import GEAR_CHECKS, common_delay
@@ -333,8 +333,9 @@ def model_findings(
     findings = _without_late_encoders(selected)
     mistakes = [finding for finding in known if finding.severity != "note"]
     spoiling = [finding for finding in mistakes if CODES[finding.code].kind == "cause"]
-    # a mistake of no joints, as a clock or a tilt, that is certain
-    is_whole = any(x.certainty == "certain" and not (x.joint or x.joints) for x in spoiling)
+    # a mistake of no joints, as a clock or a tilt, that is certain or most of a misfit
+    whole = [finding for finding in spoiling if not (finding.joint or finding.joints)]
+    is_whole = any(codes.AS_GIVEN in x.evidence or x.certainty == "certain" for x in whole)
     findings = notes_beside(spoiling, findings, is_whole)
     findings = _with_common_delay(findings, selected, mistakes)
     if any(not finding.joint for finding in mistakes):

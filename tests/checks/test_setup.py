@@ -855,3 +855,10 @@ def test_coupled_motors_without_encoders_of_their_joints_are_no_loose_encoders(n
     log = replace(log, joint_position=np.full_like(log.joint_position, np.nan))
     warnings = seaid.check(case.robot, log).warnings
     assert [finding for finding in warnings if finding.severity != "note"] == []
+
+
+@pytest.mark.slow
+def test_a_factor_on_all_torques_has_no_echoes() -> None:
+    robot, log = leg(TEST_MASS), leg_log()
+    findings = seaid.identify(robot, replace(log, motor_torque=1.3 * log.motor_torque)).warnings
+    assert {x.code for x in findings if x.severity != "note"} == {"torque-scale"}
