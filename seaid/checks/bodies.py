@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain, combinations, product
@@ -15,6 +15,8 @@ from seaid._arrays import Array
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Cause, moved_zeros, only_joint, undecided, with_payload
 from seaid.checks.experiment import (
+    MOST_STEPS,
+    STEP,
     Experiment,
     Transform,
     best_factors,
@@ -80,26 +82,56 @@ def _best_gravity(experiment: Experiment) -> Array | None:
 
 
 def lengths(experiment: Experiment) -> Iterator[Transform]:
-    """Yield other distances between joints."""
-    for joint in experiment.robot.joint_names[1:]:
-        for factor, error, penalty in best_factors(experiment, partial(_with_length, joint)):
-            yield Transform(
-                CODES["geometry"],
-                f"the distance of {joint} from the joint before it is {factor:.3g} +- "
-                f"{factor * error:.2g} times that of the robot file",
-                _with_length(joint, experiment, math.log(factor)),
-                joint,
-                f"in the robot file: the origin of joint {joint}, xyz times {factor:.4g}",
-                "wrong" if abs(factor - 1) > tol.POOR else "doubtful",
-                {"factor": factor, "standard error": factor * error},
-                penalty,
+    """Yield other distances between joints: of each, and of all as in a robot of another size."""
+    for joint in (*experiment.robot.joint_names[1:], ""):
+        what, line = "the size of the robot", "all lengths, centres of mass included,"
+        # Next to an unknown factor on all masses that of the size has a large error.
+        least = tol.SURE if joint else 1.0
+        if joint:
+            what, line = (
+                f"the distance of {joint} from the joint before it",
+                f"origin of {joint}: xyz",
             )
+        for factor, error, penalty in best_factors(experiment, partial(_with_length, joint), least):
+            std, changed = factor * error, _with_length(joint, experiment, math.log(factor))
+            text = f"{what} is {factor:.3g} +- {std:.2g} times that of the robot file"
+            is_far = abs(factor - 1) > max(tol.POOR, tol.SURE * error)
+            severity: Severity = "wrong" if is_far else "doubtful"
+            remedy = f"in the robot file: {line} times {factor:.4g}"
+            of_length = CODES["geometry"], text, changed, joint, remedy, severity
+            yield Transform(*of_length, {"factor": factor, "standard error": std}, penalty)
 
 
 def zeros(experiment: Experiment) -> Iterator[Transform]:
-    """Yield other zeros of joints."""
-    for j in _turning(experiment):
-        yield from _zero(experiment, j, (0.0,))
+    """Yield other zeros of joints, of each and of all together that differ significantly."""
+    joints = _turning(experiment)
+    alone = [*chain(*(_zero(experiment, j, (0.0,)) for j in joints))]
+    yield from alone
+    while alone and len(joints) > 1:  # alone, each zero takes up a part of the others
+        angles, errors = _best_zeros(experiment, joints)
+        scores = np.abs(angles) / np.maximum(tol.SLIGHT, tol.SIGNIFICANT * errors)
+        if np.min(scores) > 1:
+            off = dict(zip(joints, angles.tolist(), strict=True))
+            yield _off(experiment, off, len(joints), errors=errors)
+            break
+        # the least one goes, or all that are far from it
+        is_least = scores <= max(tol.MOST, float(np.min(scores)))
+        joints = np.array(joints)[~is_least].tolist()
+
+
+def _best_zeros(experiment: Experiment, joints: Sequence[int]) -> tuple[Array, Array]:
+    """Return the zeros of joints, fitted together as by `best_value`, and their standard errors."""
+    angles, errors = np.zeros((2, len(joints)))
+    for _ in range(MOST_STEPS):
+        changed = _with_zeros(joints, experiment, angles)
+        ahead = [_with_zeros([j], changed, STEP).of_file - changed.of_file for j in joints]
+        fit = scaled_svd(changed.weighed(np.stack(ahead, axis=-1)) / STEP)
+        step, errors = fit.solve(changed.unexplained), np.linalg.norm(fit.inverses, axis=1)
+        angles = angles + np.clip(step, -tol.MOST, tol.MOST)
+        is_found = np.abs(step) < tol.POOR * np.maximum(errors, tol.SLIGHT)
+        if np.max(errors) > tol.MOST or np.all(is_found):  # what is not shown is not searched
+            break
+    return angles, errors
 
 
 def _zero(
@@ -109,7 +141,7 @@ def _zero(
     for start in starts:
         angle, error = best_value(experiment, partial(_with_zeros, [j]), start)
         if max(tol.SLIGHT, tol.SURE * error) < abs(angle) < math.pi + tol.POOR:
-            yield _off(experiment, {j: angle}, 1.0, reverses)
+            yield _off(experiment, {j: angle}, 1.0, reverses, [error])
 
 
 _TURNS = (math.pi / 2, -math.pi / 2, math.pi)
@@ -146,16 +178,22 @@ def _turning(experiment: Experiment) -> list[int]:
 
 
 def _off(
-    experiment: Experiment, angles: dict[int, float], penalty: float, reverses: Sequence[int] = ()
+    experiment: Experiment,
+    angles: dict[int, float],
+    penalty: float,
+    reverses: Sequence[int] = (),
+    errors: Iterable[float] = (),
 ) -> Transform:
     """Return the transform that adds angles to the zeros of joints.
 
     The experiment has the positions of joints that are `reverses` with the opposite sign already.
     """
     named = {experiment.robot.joint_names[j]: angle for j, angle in angles.items()}
-    off = {joint: angle for joint, angle in named.items() if angle}
-    words = " and ".join(f"{math.degrees(x):.3g} degrees at {joint}" for joint, x in off.items())
-    parts = [f"the zeros of joints are not those of the robot file, by {words}"] * bool(off)
+    spreads = [f" +- {math.degrees(x):.2g}" for x in errors] or [""] * len(named)
+    sizes = zip(named.items(), spreads, strict=True)
+    off = [f"{math.degrees(x):.3g}{spread} degrees at {joint}" for (joint, x), spread in sizes if x]
+    parts = ["the zeros of joints are not those of the robot file, by " + " and ".join(off)]
+    parts *= bool(off)
     signs = [experiment.robot.joint_names[j] for j in reverses]
     parts += [f"the positions and commands of {listed(signs)} have the opposite sign"] * bool(signs)
     return Transform(
@@ -170,23 +208,31 @@ def _off(
 
 
 def _with_zeros(
-    joints: Sequence[int], experiment: Experiment, angles: float | Sequence[float]
+    joints: Sequence[int], experiment: Experiment, angles: float | Sequence[float] | Array
 ) -> Experiment:
     """Return the experiment with angles added to the positions of joints, and of their motors."""
     added = np.zeros((3, 1, experiment.robot.n))
     added[0, 0, joints] = angles
-    turned = experiment.lever * (added @ experiment.robot.transmission.T)
-    return experiment.with_changes(joint=experiment.joint + added, motor=experiment.motor + turned)
+    return experiment.turned_by(added)
 
 
 def _with_length(joint: str, experiment: Experiment, log_factor: float) -> Experiment:
-    """Return the experiment with another distance of a joint, unless it is next to none."""
-    robot, model = experiment.robot, experiment.robot.model.copy()
-    # Joint 0 of Pinocchio is the universe.
-    placement = model.jointPlacements[robot.model_order.index(robot.index(joint)) + 1]
-    if np.linalg.norm(placement.translation) >= tol.LEAST_OFFSET:
-        placement.translation = math.exp(log_factor) * placement.translation
-    return experiment.with_changes(robot=replace(robot, model=model))
+    """Return the experiment with another distance of a joint, unless it is next to none.
+
+    Without a joint it has all other distances, and bodies of the same masses, as large as these.
+    """
+    robot, model, factor = experiment.robot, experiment.robot.model.copy(), math.exp(log_factor)
+    placements = model.jointPlacements
+    if joint:  # joint 0 of Pinocchio is the universe
+        placements = [placements[robot.model_order.index(robot.index(joint)) + 1]]
+    for placement in placements:
+        if np.linalg.norm(placement.translation) >= tol.LEAST_OFFSET:
+            placement.translation = factor * placement.translation
+    powers = np.zeros(10) if joint else np.repeat([0, 1, 2], [1, 3, 6])  # of m, m c and J
+    parameters = np.resize(factor**powers, robot.parameters.shape) * robot.parameters
+    bodies = experiment.bodies + parameters - robot.parameters
+    changed = replace(robot, model=model, parameters=parameters)
+    return experiment.with_changes(robot=changed, bodies=bodies)
 
 
 def payloads(experiment: Experiment) -> Iterator[Transform]:

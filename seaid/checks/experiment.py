@@ -236,6 +236,11 @@ class Experiment:
         changed = self.with_changes(**changes)
         return changed.consistent if {*channels} & {"q", "m"} else changed
 
+    def turned_by(self, added: Array) -> Experiment:
+        """Return the experiment with states (3, R, n) added to joints, and so to their motors."""
+        turned = self.lever * at_drives(self.robot.transmission, added)
+        return self.with_changes(joint=self.joint + added, motor=self.motor + turned)
+
     @property
     def consistent(self) -> Experiment:
         """The experiment in which the joints without encoders follow from the motors.
@@ -889,7 +894,7 @@ def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
 Change = Callable[[Experiment, float], Experiment]
 """The experiment with another value of its set-up; 0 changes nothing, and changes add up."""
 
-_STEP, MOST_STEPS = 1e-3, 8
+STEP, MOST_STEPS = 1e-3, 8
 """Step of a difference quotient, and steps of a search."""
 
 
@@ -904,13 +909,13 @@ def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tu
     value = start
     for _ in range(MOST_STEPS * experiment.has_bodies):
         changed = change(experiment, value)
-        ahead, of_file = change(changed, _STEP), changed.of_file
+        ahead, of_file = change(changed, STEP), changed.of_file
         x, z = (
-            changed.weighed(change(each, _STEP).target - each.target - ahead.of_file + of_file)
+            changed.weighed(change(each, STEP).target - each.target - ahead.of_file + of_file)
             for each in (changed, changed.computed)
         )
-        # z . (u + d x / _STEP) = 0 for a step d, where u is unexplained: z . u has the variance z.z
-        slope, size = float(z @ x) / _STEP, float(np.linalg.norm(z))
+        # z . (u + d x / STEP) = 0 for a step d, where u is unexplained: z . u has the variance z.z
+        slope, size = float(z @ x) / STEP, float(np.linalg.norm(z))
         if size >= tol.MOST * abs(slope):  # also if the change has no effect on any torque
             break
         error = size / abs(slope)
@@ -923,14 +928,16 @@ def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tu
     return 0.0, math.inf
 
 
-def best_factors(experiment: Experiment, change: Change) -> Iterator[tuple[float, float, float]]:
+def best_factors(
+    experiment: Experiment, change: Change, least: float = tol.SURE
+) -> Iterator[tuple[float, float, float]]:
     """Yield factors near the `best_value` of their logarithm as (factor, relative error, penalty).
 
     They are the fitted one, whose penalty is 1, and the usual ones near it, which are no fitted
-    number and have none. There are none if the factor may be 1.
+    number and have none. There are none if the factor may be 1, within the `least` errors.
     """
     log_factor, error = best_value(experiment, change)
-    if abs(log_factor) > max(tol.SLIGHT, tol.SURE * error):
+    if abs(log_factor) > max(tol.SLIGHT, least * error):
         fitted = math.exp(log_factor)
         yield from ((factor, error, float(factor == fitted)) for factor in near(fitted))
 

@@ -16,7 +16,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.checks.bodies import file_findings
+from seaid.checks.bodies import _with_length, file_findings
 from seaid.checks.codes import CODES
 from seaid.checks.experiment import (
     _FIELDS_OF,
@@ -855,6 +855,42 @@ def test_coupled_motors_without_encoders_of_their_joints_are_no_loose_encoders(n
     log = replace(log, joint_position=np.full_like(log.joint_position, np.nan))
     warnings = seaid.check(case.robot, log).warnings
     assert [finding for finding in warnings if finding.severity != "note"] == []
+
+
+def added(robot: Robot, log: Log, angles: Mapping[int, Any]) -> Log:
+    """Return a log with angles added to joints on both sides of their gears."""
+    more = np.zeros_like(log.joint_position)
+    for j, angle in angles.items():
+        more[:, j] = angle
+    ratios = np.array([total_ratio(drive) for drive in robot.drives.values()])
+    moved = {"joint_position": log.joint_position + more}
+    return replace(log, motor_position=log.motor_position + ratios * more, **moved)
+
+
+@pytest.mark.parametrize("case", quick_first(["leg", "ur10"]))
+def test_a_file_of_a_robot_of_another_size_is_no_wrong_clock(case: str) -> None:
+    robot, log = rough(CASES[case][0](), 0), CASES[case][1]()
+    larger = _with_length("", experiment(robot, log), np.log(1.3))
+    (finding,) = (x for x in mistakes(larger)[0] if x.severity != "note")
+    if case == "leg":
+        assert (finding.code, finding.severity, finding.joint) == ("geometry", "wrong", "")
+        error = abs(finding.evidence["factor"] - 1 / 1.3)
+        assert error < 3 * finding.evidence["standard error"] < 0.05
+    else:  # nothing that it shows separates the two
+        assert {finding.code, *finding.evidence} >= {"time-unit", "or geometry"}
+
+
+@pytest.mark.parametrize(
+    ("case", "angles"), quick_first([("ur10", {1: 0.3, 2: 0.3}), ("leg", {2: 0.15, 3: 0.2})])
+)
+def test_zeros_of_several_joints_are_fitted_together(case: str, angles: dict[int, float]) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    finding = the_mistake(robot, added(robot, log, angles))
+    assert finding.code == "encoder-offset"
+    pairs = re.findall(r"(-?[\d.]+) \+- ([\d.]+) degrees", finding.message)
+    for angle, pair in zip(angles.values(), pairs, strict=True):
+        value, error = map(float, pair)
+        assert abs(value + np.degrees(angle)) < 3 * error < 7
 
 
 @pytest.mark.slow
