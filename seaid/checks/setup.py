@@ -13,7 +13,7 @@ their motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, permutations, product
@@ -56,7 +56,7 @@ _DIRECT = ("free", "of_motors", "of_encoders", "of_sensors")
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A transform that was tried on the experiment `before`, and what speaks for it.
+    """A transform, one of a `count` that were tried on the experiment `before`, and its support.
 
     `falls` are the misfits that matter and fall by half, {(kind, joint): part that remains}. Gains
     of the log likelihood: `direct` by all that does not rest on the robot file, `shown` by what
@@ -65,6 +65,7 @@ class _Trial:
 
     before: Experiment
     transform: Transform
+    count: int
     falls: Mapping[tuple[str, int], float]
     shown: float
     direct: float
@@ -75,14 +76,25 @@ class _Trial:
         """Gain by all, less what the transform costs."""
         return self.direct + self.bodies - self.transform.penalty
 
-    def is_demanded(self, count: int) -> bool:
-        """Whether the log demands the transform, of a `count` that were tried.
+    @property
+    def is_demanded(self) -> bool:
+        """Whether the log demands the transform: it explains more than chance does.
 
         Twice the log of a likelihood ratio has the distribution of chi-square, with the number of
         fitted values as its degrees of freedom, and at most that of one between values that are not
         fitted. The least gain is that of which all transforms together have one by chance in a
-        hundred logs. It has to come from what the log shows without the robot file, where a misfit
-        that matters falls, or from all together, and the bodies of the file contradict it by less.
+        hundred logs.
+        """
+        # The value that chi-square exceeds with this probability: FEW for all transforms together
+        # is FEW / count for each (Bonferroni).
+        least = chdtri(max(self.transform.penalty, 1), tol.FEW / self.count) / 2
+        return self.explains(float(least))
+
+    def explains(self, least: float = 0.0) -> bool:
+        """Whether the transform has more than the `least` gain and leaves little unexplained.
+
+        The gain has to come from what the log shows without the robot file, where a misfit that
+        matters falls, or from all together, and the bodies of the file contradict it by less.
         """
         changed, transform = self.transform.changed, self.transform
         # any bodies or those of the file: another mistake may contradict the latter, or one of the
@@ -93,17 +105,14 @@ class _Trial:
         names = transform.joints or (transform.joint,) * bool(transform.joint)
         of_joints = misfit[[changed.robot.index(name) for name in names]]
         remaining = float(np.nanmin(of_joints)) if np.any(np.isfinite(of_joints)) else middle
-        # The value that chi-square exceeds with this probability: FEW for all transforms together
-        # is FEW / count for each (Bonferroni).
-        least = float(chdtri(max(transform.penalty, 1), tol.FEW / count)) / 2
         if self.shown > least:
             return remaining < tol.MOST and self.total > 0
         is_possible = bool(self.falls) or _is_value(transform)
-        is_explained = max(middle, remaining) < tol.SEVERE
+        is_explained = max(middle, remaining) < tol.SEVERE and self.total > 0
         return self.shown + self.bodies > least and is_possible and is_explained
 
 
-def _trial(before: Experiment, transform: Transform) -> _Trial:
+def _trial(before: Experiment, transform: Transform, count: int) -> _Trial:
     """Return what speaks for a transform.
 
     Where much is left it is the model's error, which any change makes somewhat smaller or larger:
@@ -117,7 +126,8 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     if transform.code == CODES["swapped-joints"]:
         # a misfit that moves from one joint to the other is no less: the larger ones are compared
         pair = [before.robot.index(joint) for joint in transform.joints]
-        x[:, pair], y[:, pair] = np.sort(x[:, pair]), np.sort(y[:, pair])
+        both = np.ix_(np.all(np.isfinite(x[:, pair]), axis=1), pair)
+        x[both], y[both] = np.sort(x[both]), np.sort(y[both])
     # n log(rms before / rms after): the gain of Gaussian residuals of unknown size.
     gains, is_less = rows * np.log(x / y), y < tol.MOST * x
     places = np.argwhere((x > tol.POOR) & is_less).tolist()
@@ -128,7 +138,7 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     shown = float(np.sum(np.where(counts, gains, 0.0))) if falls or is_value else 0.0
     direct = sum(before.cost(kind, rows) - changed.cost(kind, rows) for kind in _DIRECT)
     bodies_of_file = before.file_cost - changed.file_cost
-    return _Trial(before, transform, falls, min(direct, shown), direct, bodies_of_file)
+    return _Trial(before, transform, count, falls, min(direct, shown), direct, bodies_of_file)
 
 
 def _is_contradicted(before: Experiment, transform: Transform) -> bool:
@@ -155,22 +165,42 @@ def mistakes(
     Those of `MISTAKES`, or others that are `possible`.
     """
     findings, notes = list[Finding](), list[Finding]()
-    while len(findings) < _MOST_MISTAKES:
-        trials = _trials(experiment, possible or MISTAKES, notes)
-        if any(finding.severity != "note" for finding in findings):
-            # its value has an error, which makes others small ones that are none
-            trials = [trial for trial in trials if trial.falls]
-        if not trials:
-            break
-        best, rivals = trials[0], _rivals(trials)
-        findings.append(_finding(best, rivals))
-        experiment = best.transform.changed
-        if not rivals:  # the lines of the next mistake in a channel then contain those of this one
-            experiment = experiment.described_as(best.transform.sources, best.transform.log)
-        # The file is contradicted as a whole: nothing else is compared with its bodies.
-        if best.transform.code == CODES["nominal-values"]:
-            experiment = experiment.with_changes(bodies=np.full_like(experiment.bodies, np.nan))
+    find = partial(_trials, possible=possible or MISTAKES, notes=notes)
+    trials = find(experiment)
+    while len(findings) < _MOST_MISTAKES and (demanded := _demanded(trials, findings)):
+        best, rivals = demanded[0], _rivals(demanded[0], trials)
+        experiment = _without(best, is_decided=not rivals)
+        trials = find(experiment)
+        undecided = [rival for rival in rivals if not _is_second(rival, trials)]
+        if rivals and not undecided:
+            experiment = _without(best, is_decided=True)
+            trials = find(experiment)
+        findings.append(_finding(best, undecided))
     return [*findings, *dict.fromkeys(notes)], experiment
+
+
+def _demanded(trials: Sequence[_Trial], findings: Iterable[Finding]) -> list[_Trial]:
+    """Return the trials that the log demands next to `findings`."""
+    # the value of a mistake has an error, which makes others small ones that are none
+    is_first = all(finding.severity == "note" for finding in findings)
+    return [trial for trial in trials if trial.is_demanded and (is_first or trial.falls)]
+
+
+def _without(best: _Trial, is_decided: bool) -> Experiment:
+    """Return the experiment without the mistake of the best trial, and described so if decided."""
+    experiment, transform = best.transform.changed, best.transform
+    if is_decided:  # the lines of the next mistake in a channel then contain those of this one
+        experiment = experiment.described_as(transform.sources, transform.log)
+    # The file is contradicted as a whole: nothing else is compared with its bodies.
+    if transform.code == CODES["nominal-values"]:
+        return experiment.with_changes(bodies=np.full_like(experiment.bodies, np.nan))
+    return experiment
+
+
+def _is_second(rival: _Trial, trials: Iterable[_Trial]) -> bool:
+    """Whether a rival is a second mistake: without the first one it explains as much or more."""
+    alike = (x for x in trials if _subject(x.transform) == _subject(rival.transform))
+    return any(x.is_demanded and x.falls and x.total > tol.MOST * rival.total for x in alike)
 
 
 def transforms(
@@ -203,7 +233,7 @@ def _in_single_logs(experiment: Experiment, generator: Generator) -> Iterator[Tr
 
 
 def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) -> list[_Trial]:
-    """Return the transforms that the log demands, the best first, and add `notes` as above."""
+    """Return what the log does not contradict, the best first, and add `notes` as above."""
     costs, rows = dict[Transform, tuple[float, float]](), experiment.independent_rows
     best, count, trials = list[Transform](), 0, list[_Trial]()
     for transform in transforms(experiment, possible, notes):
@@ -224,9 +254,8 @@ def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) ->
     for transform in dict.fromkeys(best):
         with guarded(transform.code, notes):
             if not _is_contradicted(experiment, transform):
-                trials.append(_trial(experiment, transform))
-    demanded = [trial for trial in trials if trial.is_demanded(count)]
-    return sorted(demanded, key=lambda trial: -trial.total)
+                trials.append(_trial(experiment, transform, count))
+    return sorted(trials, key=lambda trial: -trial.total)
 
 
 def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
@@ -244,7 +273,7 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
     else:
         # The inverse of z^2 / 2, which is positive for a transform that is demanded.
         evidence["standard errors"] = errors = math.sqrt(2 * (best.direct + best.bodies))
-        other = "; the error after +- is that by the torques alone" * ("standard error" in evidence)
+        other = "; the error after +- is that by the torques alone" * ("+-" in message)
         severity = "note" if severity == "note" else "doubtful"
         message += (
             f": by all that it shows, errors of the bodies in the robot file included, the log "
@@ -259,22 +288,23 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
     return codes.undecided(finding, others) if others else finding
 
 
-def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
-    """Return the best of each other code, joint and torque that explains as much as the first.
+def _rivals(best: _Trial, trials: Sequence[_Trial]) -> list[_Trial]:
+    """Return the best of each other code, joint and torque that explains as much as the best trial.
 
     The same mistake of further joints, which nothing shows, is no rival of that of one.
     """
-    best, transform = trials[0], trials[0].transform
+    transform = best.transform
     code, joints = transform.code, transform.sources.keys()
     rivals = {
         _subject(trial.transform): trial
         # From the worst to the best: of each subject the best one stays in the dictionary.
         for trial in reversed(trials)
         if trial.total > best.total - tol.SURE**2 / 2
+        and trial.explains()
         and trial.transform.penalty <= transform.penalty + 1  # the simple one of two that agree
         and not (trial.transform.code == code and joints < trial.transform.sources.keys())
     }
-    rivals.pop(_subject(transform))
+    rivals.pop(_subject(transform), None)
     return list(rivals.values())
 
 
@@ -444,15 +474,10 @@ def _of_gear(experiment: Experiment, j: int, slope: float) -> Iterator[Transform
     """Yield the transforms of a torque that is that behind its gear, which is no unit."""
     lever = float(experiment.lever[j])
     if abs(math.log(lever)) > 2 * tol.POOR > abs(math.log(abs(slope) / lever)):
-        yield multiplied(
-            CODES["torque-scale"],
-            experiment,
-            {j: math.copysign(1 / lever, slope)},
-            "t",
-            f"are {lever:.4g} times too large{_WITH_SIGN * (slope < 0)}: those of the other side "
-            "of the gear",
-            evidence={"factor": slope},
-        )
+        words = f"are {lever:.4g} times too large{_WITH_SIGN * (slope < 0)}: those of the other "
+        words += "side of the gear"
+        of_joint = CODES["torque-scale"], experiment, {j: math.copysign(1 / lever, slope)}
+        yield multiplied(*of_joint, "t", words, evidence={"factor": slope})
         if experiment.input(j) == "motor_torque" and slope > 0:
             yield _behind_gears(experiment, [j], slope)
 
@@ -509,15 +534,10 @@ def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
     factors = {j: float(f"{slope:.4g}") for j, (slope, _) in scales.items()}
     if min(factors.values(), default=0.0) > tol.TWICE:  # each by the ratio of its own gear
         others = dict.fromkeys(experiment.used, float(np.median([*factors.values()])))
-        yield multiplied(
-            CODES["torque-scale"],
-            experiment,
-            others | factors,
-            "t",
-            "are too small, by their constants or gear ratios, as the torque sensors show: "
-            f"{listed([f'{x:g}' for x in factors.values()])} times those of the motors",
-            penalty=float(len(factors)),
-        )
+        words = "are too small, by their constants or gear ratios, as the torque sensors show: "
+        words += f"{listed([f'{x:g}' for x in factors.values()])} times those of the motors"
+        of_all = CODES["torque-scale"], experiment, others | factors
+        yield multiplied(*of_all, "t", words, penalty=float(len(factors)))
 
 
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -543,16 +563,14 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
         yield _behind_gears(experiment, used, middle)
     # `bodies` include the payloads, `robot.parameters` do not: these were weighed.
     heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
-    yield Transform(
-        CODES["nominal-values"],
-        f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
-        "nominal values, or a payload that was not given",
-        experiment.with_changes(bodies=heavier),
-        severity="note",
-        remedy="correct the masses in the robot file, or name the payload",
-        evidence={"factor": middle},
-        penalty=1.0,
+    text = f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
+    text += "nominal values, or a payload that was not given"
+    of_file = CODES["nominal-values"], text, experiment.with_changes(bodies=heavier), ""
+    advice, evidence = (
+        "correct the masses in the robot file, or name the payload",
+        {"factor": middle},
     )
+    yield Transform(*of_file, advice, "note", evidence, penalty=1.0)
 
 
 def _ratings(experiment: Experiment) -> Iterator[Transform]:
@@ -665,15 +683,12 @@ def _times(experiment: Experiment) -> Iterator[Transform]:
     for factor, error in {**dict.fromkeys(round_factors, 0.0), **fitted}.items():
         times, speeds = ("short", "large") if factor < 1 else ("long", "small")
         changed, size = _with_clock(experiment, math.log(factor)), max(factor, 1 / factor)
-        yield Transform(
-            CODES["time-unit"],
-            f"the time of the log is {size:.3g}{f' +- {size * error:.2g}' * bool(error)} times too "
-            f"{times}, so that speeds are too {speeds}",
-            changed,
-            remedy=f"in the description of the log:\ntime = {{ rate_hz = {changed.rate_hz:.6g} }}",
-            evidence={"factor": factor, **({"standard error": size * error} if error else {})},
-            penalty=1.0,
-        )
+        spread, known = f" +- {size * error:.2g}" * bool(error), {"standard error": size * error}
+        text = f"the time of the log is {size:.3g}{spread} times too {times}, so that speeds are "
+        lines = f"in the description of the log:\ntime = {{ rate_hz = {changed.rate_hz:.6g} }}"
+        of_log = CODES["time-unit"], f"{text}too {speeds}", changed, "", lines
+        evidence = {"factor": factor, **(known if error else {})}
+        yield Transform(*of_log, evidence=evidence, penalty=1.0)
 
 
 def _with_clock(experiment: Experiment, log_factor: float) -> Experiment:
@@ -838,21 +853,16 @@ def _sizes(logged: channels.Logged) -> Iterator[Finding]:
     farthest = {words: float(np.max(np.linalg.norm(x, axis=1))) for words, x in sizes.items()}
     far = [f"{words} {size:.3g} m" for words, size in farthest.items() if size > tol.LONGEST_M]
     if far:
-        yield CODES["geometry"].wrong(
-            f"the robot file has {listed(far)}: its lengths, or inertias, are in mm, not m",
-            evidence={"longest distance [m]": max(farthest.values())},
-            remedy="in the robot file: lengths in mm times 0.001, inertias in kg mm^2 times 1e-6, "
-            "in g mm^2 times 1e-9",
-            certainty="certain",
-        )
+        text = f"the robot file has {listed(far)}: its lengths, or inertias, are in mm, not m"
+        remedy = "in the robot file: lengths in mm times 0.001, inertias in kg mm^2 times 1e-6, "
+        remedy += "in g mm^2 times 1e-9"
+        evidence = {"longest distance [m]": max(farthest.values())}
+        yield CODES["geometry"].finding(text, "", "wrong", evidence, remedy, "certain")
     size = float(np.linalg.norm(model.gravity.linear))
     if size > tol.STRONGEST_M_PER_S2:
-        yield CODES["gravity"].wrong(
-            f"gravity is {size:.4g} m/s^2, more than on any planet: it is in another unit",
-            evidence={"gravity [m/s^2]": size},
-            remedy="option: --gravity 0,0,-9.81",
-            certainty="certain",
-        )
+        text = f"gravity is {size:.4g} m/s^2, more than on any planet: it is in another unit"
+        evidence, remedy = {"gravity [m/s^2]": size}, "option: --gravity 0,0,-9.81"
+        yield CODES["gravity"].finding(text, "", "wrong", evidence, remedy, "certain")
 
 
 def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:

@@ -51,6 +51,7 @@ from tests.experiments import (
     leg,
     leg_log,
     true_geared_arm,
+    with_drive,
 )
 from tests.mistakes import CASES as SPRUNG
 from tests.mistakes import lines_of, of_joint, with_channels
@@ -867,6 +868,17 @@ def added(robot: Robot, log: Log, angles: Mapping[int, Any]) -> Log:
     return replace(log, motor_position=log.motor_position + ratios * more, **moved)
 
 
+def test_a_factor_on_all_torques_and_a_payload_are_named_together() -> None:
+    """Without known rotors a payload explains as much as a factor that all joints have."""
+    robot, log = leg(TEST_MASS), leg_log()
+    for joint in robot.joint_names:
+        robot = with_drive(robot, joint, motor_inertia_kg_m2=None)
+    finding = the_mistake(robot, replace(log, motor_torque=1.3 * log.motor_torque))
+    assert finding.code == "torque-scale"
+    assert 0 < finding.evidence["or payload"] < 4.5
+    assert "scale =" not in finding.remedy
+
+
 @pytest.mark.parametrize("case", quick_first(["leg", "ur10"]))
 def test_a_file_of_a_robot_of_another_size_is_no_wrong_clock(case: str) -> None:
     robot, log = rough(CASES[case][0](), 0), CASES[case][1]()
@@ -878,6 +890,14 @@ def test_a_file_of_a_robot_of_another_size_is_no_wrong_clock(case: str) -> None:
         assert error < 3 * finding.evidence["standard error"] < 0.05
     else:  # nothing that it shows separates the two
         assert {finding.code, *finding.evidence} >= {"time-unit", "or geometry"}
+
+
+def test_two_mistakes_that_alone_explain_as_much_are_no_rivals() -> None:
+    robot, log = CASES["ur10"][0](), geared_arm_log()
+    torque = log.motor_torque[:, [5, 1, 2, 3, 4, 0]] * [1, 1, -1, 1, 1, 1]
+    findings, _ = mistakes(experiment(robot, replace(log, motor_torque=torque)))
+    assert {finding.code for finding in findings} == {"swapped-joints", "sign"}
+    assert all("in the description of the log:" in finding.remedy for finding in findings)
 
 
 @pytest.mark.parametrize(
