@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ from seaid.checks.experiment import (
     fitted,
     multiplied,
     near,
+    subject,
     with_constant,
 )
 from seaid.checks.terms import DriveRows
@@ -260,15 +261,13 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
         is_step = step * projected[i] > (1 - tol.SEVERE) * float(X[:, -1] @ X[:, -1])
         if is_step and abs(step) > tol.LEAST_OFFSET:
             start, end = experiment.time[[i - 1, i], 0].tolist()
-            slip = codes.CODES["loose-encoder"].wrong(
-                f"the encoders of {experiment.robot.joint_names[j]} step against each other by "
-                f"{1e3 * step:.3g} mrad at the joint between {start:.2f} and {end:.2f} s",
-                experiment.robot.joint_names[j],
-                evidence={"step": step, "time [s]": end},
-                remedy="tighten it and repeat, or read the parts before and after as two logs, in "
-                f"seaid.toml: between_s = [0, {start:.2f}] and between_s = [{end:.2f}, {last:.0f}]",
-            )
-            findings.append(slip)
+            joint, evidence = experiment.robot.joint_names[j], {"step": step, "time [s]": end}
+            text = f"the encoders of {joint} step against each other by {1e3 * step:.3g} mrad at "
+            text += f"the joint between {start:.2f} and {end:.2f} s"
+            parts = f"between_s = [0, {start:.2f}] and between_s = [{end:.2f}, {last:.0f}]"
+            remedy = "tighten it and repeat, or read the parts before and after as two logs, in "
+            options = {"evidence": evidence, "remedy": f"{remedy}seaid.toml: {parts}"}
+            findings.append(codes.CODES["loose-encoder"].wrong(text, joint, **options))
             motor[0, :, j] -= experiment.lever[j] * step * steps[:, i]
             counted[i - 1 : i + 1, j] = False  # the low pass spreads the step over its neighbours
     changed = experiment.with_changes(motor=motor, counted=counted)
@@ -280,13 +279,11 @@ def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
     for j in _between_encoders(experiment):
         part, joint = float(experiment.of_encoders[j]), experiment.robot.joint_names[j]
         if part > tol.SEVERE and np.ptp(experiment.turned[0][:, j]) > tol.LEAST_SWING:
-            yield codes.CODES["loose-encoder"].wrong(
-                f"the encoders of {joint} show two motions: what is between them is {part:.0%} of "
-                "the motion of the joint, beyond what a torque deflects",
-                joint,
-                evidence={"part between the encoders": part},
-                remedy="plot both positions: one is that of another joint or quantity, or slips",
-            )
+            text = f"the encoders of {joint} show two motions: what is between them is {part:.0%} "
+            text += "of the motion of the joint, beyond what a torque deflects"
+            remedy = "plot both positions: one is that of another joint or quantity, or slips"
+            evidence = {"part between the encoders": part}
+            yield codes.CODES["loose-encoder"].finding(text, joint, "wrong", evidence, remedy)
 
 
 def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
@@ -312,17 +309,12 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
         table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in factors.items())
         lines[names[j],] = f"transmission = {{ {table} }}"
     texts = (f"{name}: {count:.3g}" for name, count in evidence.items())
-    return Transform(
-        codes.CODES["coupled-joints"],
-        f"motors turn behind their gears with several joints ({listed(texts)}), by a differential, "
-        "a tendon or a parallel linkage",
-        experiment.with_changes(robot=experiment.robot.with_drives(drives)),
-        names[next(iter(turns))],
-        codes.in_drives(lines),
-        evidence=evidence,
-        joints=tuple(names[j] for j in turns),
-        penalty=float(len(turns)),
-    )
+    text = f"motors turn behind their gears with several joints ({listed(texts)}), by a "
+    text += "differential, a tendon or a parallel linkage"
+    changed = experiment.with_changes(robot=experiment.robot.with_drives(drives))
+    joints, lines_of_all = tuple(names[j] for j in turns), codes.in_drives(lines)
+    of_joints = codes.CODES["coupled-joints"], text, changed, joints[0], lines_of_all
+    return Transform(*of_joints, evidence=evidence, joints=joints, penalty=float(len(turns)))
 
 
 def _uncoupled(experiment: Experiment) -> list[tuple[int, int]]:
@@ -342,9 +334,9 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
         turns = float(_turns(experiment, j, [i])[0])
         if abs(turns) < tol.POOR:
             continue
-        yield (coupled := _coupled(experiment, {j: {i: turns}}))
+        yield _coupled(experiment, {j: {i: turns}})
         if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
-            yield _against_another_link(experiment, coupled, i, j, float(np.sign(turns)))
+            yield _against_another_link(experiment, i, j, float(np.sign(turns)), "q")
 
 
 def differentials(experiment: Experiment) -> Iterator[Transform]:
@@ -358,24 +350,32 @@ def differentials(experiment: Experiment) -> Iterator[Transform]:
             yield _coupled(experiment, dict(zip((j, i), rows, strict=True)))
 
 
-def _against_another_link(
-    experiment: Experiment, coupled: Transform, i: int, j: int, sign: float
-) -> Transform:
-    """Return the transform of an encoder of joint j that measures its angle plus or minus joint i.
+def absolute_positions(experiment: Experiment) -> Iterator[Transform]:
+    """Yield joints whose positions on both sides contain the angle of the joint before."""
+    turning = [j for j in experiment.used if not experiment.robot.is_prismatic[j]]
+    for (i, j), sign in product(pairwise(turning), (-1.0, 1.0)):
+        yield _against_another_link(experiment, i, j, sign, "qm")
 
-    It looks like a motor that turns once with the other joint, as if these were `coupled`.
+
+def _against_another_link(
+    experiment: Experiment, i: int, j: int, sign: float, channels: str
+) -> Transform:
+    """Return the transform of positions (q, m) of joint j that are its own plus or minus joint i.
+
+    That of the joint alone looks like a motor that turns once with the other joint.
     """
     joint, mover = (experiment.robot.joint_names[place] for place in (j, i))
-    angles = experiment.joint.copy()
-    angles[:, :, j] += sign * angles[:, :, i]
-    added = f"{'minus' if sign < 0 else 'plus'} that of {mover}"
-    return replace(
-        coupled,
-        message=f"the encoder of {joint} measures its angle against another link than the "
-        f"one before it: the joint moves as its encoder {added}",
-        changed=experiment.with_changes(joint=angles),
-        remedy=f"write the angle of {joint} {added} into the log, as that of {joint}",
-    )
+    angles = np.zeros_like(experiment.joint)
+    angles[:, :, j] = sign * experiment.joint[:, :, i]
+    changed = experiment.turned_by(angles)
+    motor = changed.motor if "m" in channels else experiment.motor
+    changed = changed.with_changes(motor=motor, direction=np.sign(motor[1]))
+    measured = subject(experiment, (j,), channels)
+    added = f"{'minus' if sign < 0 else 'plus'} the angle of {mover}"
+    text = f"{measured} are measured against another link than the one before it: the joint moves "
+    text += f"as they do {added}"
+    remedy = f"write {measured} {added} into the log, as those of {joint}"
+    return Transform(codes.CODES["coupled-joints"], text, changed, joint, remedy, penalty=1.0)
 
 
 def undeclared_springs(experiment: Experiment) -> Iterator[Transform]:
@@ -406,16 +406,16 @@ def _declared(experiment: Experiment, springs: Mapping[int, _Spring]) -> Transfo
     for j, spring in springs.items():
         motor[0, :, j] -= experiment.lever[j] * spring.deflection
     text = [f"{names[j]} by {x.stiffness:.3g} +- {x.error:.2g} N m/rad" for j, x in springs.items()]
-    return Transform(
-        codes.CODES["gear-compliance"],
-        "the encoders move apart in proportion to the torque, as on both sides of a spring "
-        f"({listed(text)}), and the drives are given as stiff",
+    message = "the encoders move apart in proportion to the torque, as on both sides of a spring "
+    message += f"({listed(text)}), and the drives are given as stiff"
+    lines = codes.in_drives({(names[j],): 'type = "series_elastic"' for j in springs})
+    evidence = {f"stiffness of {names[j]}": x.stiffness for j, x in springs.items()}
+    changed, joint = (
         experiment.with_changes(motor=motor),
         codes.only_joint([names[j] for j in springs]),
-        codes.in_drives({(names[j],): 'type = "series_elastic"' for j in springs}),
-        evidence={f"stiffness of {names[j]}": x.stiffness for j, x in springs.items()},
-        penalty=float(len(springs)),
     )
+    of_springs = codes.CODES["gear-compliance"], message, changed, joint, lines
+    return Transform(*of_springs, evidence=evidence, penalty=float(len(springs)))
 
 
 class _Spring(NamedTuple):
@@ -490,17 +490,13 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
             joint=np.array(of_joint.at_drives(*experiment.joint)),
             sensed=experiment.sensed / of_joint.rates(experiment.joint[0]),
         )
-        yield Transform(
-            codes.CODES["varying-ratio"],
-            f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
-            f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
-            "linkage, a lever or a spindle",
-            changed,
-            joint,
-            codes.in_drives({(joint,): lines}),
-            evidence={"least ratio": ratio * low, "largest ratio": ratio * high},
-            penalty=1.0,
-        )
+        text = f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
+        text += f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
+        text += "linkage, a lever or a spindle"
+        of_ratio = codes.CODES["varying-ratio"], text, changed, joint
+        evidence = {"least ratio": ratio * low, "largest ratio": ratio * high}
+        remedy = codes.in_drives({(joint,): lines})
+        yield Transform(*of_ratio, remedy, evidence=evidence, penalty=1.0)
 
 
 def _varied(q: Array, apart: Array, deflection: Array) -> tuple[Array, Array]:

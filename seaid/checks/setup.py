@@ -792,6 +792,7 @@ MISTAKES: Possible = {
         _positions: CODES["unit"],
         _all_positions: CODES["unit"],
         _exchanges: CODES["swapped-joints"],
+        gears.absolute_positions: CODES["coupled-joints"],
     },
     partial(_is_off, kind="of_sensors", least=tol.SLIGHT): {_sensor_scales: CODES["torque-scale"]},
     attrgetter("used"): {gears.gear_ratios: CODES["gear-ratio"], _times: CODES["time-unit"]},

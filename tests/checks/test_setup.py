@@ -913,6 +913,13 @@ def test_zeros_of_several_joints_are_fitted_together(case: str, angles: dict[int
         assert abs(value + np.degrees(angle)) < 3 * error < 7
 
 
+def test_positions_that_contain_those_of_the_joint_before_are_named() -> None:
+    robot, log = CASES["ur10"][0](), geared_arm_log()
+    finding = the_mistake(robot, added(robot, log, {2: log.joint_position[:, 1]}))
+    assert (finding.code, finding.joint) == ("coupled-joints", "elbow_joint")
+    assert "minus the angle of shoulder_lift_joint" in finding.remedy
+
+
 @pytest.mark.slow
 def test_a_factor_on_all_torques_has_no_echoes() -> None:
     robot, log = leg(TEST_MASS), leg_log()
