@@ -468,10 +468,8 @@ def standstill_findings(
         if np.isfinite(positions[joint]):
             at = f"{positions[joint]:.4g}"
             text = f"{joint} stands still in all logs, at {at} {drive.joint_units[1]}"
-            remedy += (
-                f", or lock it (--locked {joint}={at}), at the top of seaid.toml:\n"
-                f"locked = {{ {toml_key(joint)} = {at} }}"
-            )
+            remedy += f", or lock it (--locked {joint}={at}), at the top of seaid.toml:\n"
+            remedy += f"locked = {{ {toml_key(joint)} = {at} }}"
             evidence = {"position": positions[joint]}
         text += f": its {what} and rotor inertia are not estimated, and its torque is not used"
         yield CODES["standstill"].finding(text, joint, evidence=evidence, remedy=remedy)

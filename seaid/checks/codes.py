@@ -226,10 +226,8 @@ def excluding_torque(kept: Sequence[str]) -> str:
     """Return how to use the torques of some joints only, after words to which ", or" fits."""
     if not kept:
         return ""
-    return (
-        f", or exclude its torque (--torque-joints {','.join(kept)}), in [identify] of "
-        f"seaid.toml:\ntorque_joints = [{', '.join(map(toml_text, kept))}]"
-    )
+    lines = f"seaid.toml:\ntorque_joints = [{', '.join(map(toml_text, kept))}]"
+    return f", or exclude its torque (--torque-joints {','.join(kept)}), in [identify] of {lines}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -296,8 +296,7 @@ def _missing_terms(side: Side, joint: str, accepted: Acceptance, share: float) -
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
     terms = [trial.candidate.term for trial in trials]
-    names = " and ".join(f"'{term}'" for term in terms)
-    is_spring = field == "spring"
+    names, is_spring = " and ".join(f"'{term}'" for term in terms), field == "spring"
     lacking = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide

@@ -10,7 +10,7 @@ seen by the bodies.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
@@ -162,8 +162,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     from scipy.ndimage import uniform_filter1d
 
     time, command, joint = commanded.log.time, commanded.command, commanded.joint
-    period_s = float(time[-1] - time[0]) / (len(time) - 1)
-    changes = np.diff(command)
+    period_s, changes = float(time[-1] - time[0]) / (len(time) - 1), np.diff(command)
     at = np.flatnonzero(changes)
     # Samples from one change of the command to the next: 1 where each sample has a new one.
     runs = np.diff(at)
@@ -191,10 +190,8 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint that is commanded beyond its limits and does not follow there."""
     robot, joint, unit = commanded.robot, commanded.joint, commanded.units[1]
     lower, upper = robot.position_range(joint)
-    command_beyond, position_beyond = (
-        np.abs(angle - np.clip(angle, lower, upper))
-        for angle in (commanded.command, commanded.position)
-    )
+    angles = commanded.command, commanded.position
+    command_beyond, position_beyond = (np.abs(x - np.clip(x, lower, upper)) for x in angles)
     share, farthest = float(np.mean(command_beyond > 0)), float(np.max(command_beyond))
     if share < tol.FEW or np.sum(position_beyond) > tol.MOST * np.sum(command_beyond):
         return
@@ -312,28 +309,46 @@ def no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
 
     The current loop of a real drive leaves more noise, friction of the sensor and delay.
     """
-    for quantity in ("motor_torque", "joint_torque", "motor_current"):
-        channels = list(codes.channels_of(log, log.joint_names, quantity))
-        returns = _returns([channel.values for channel in channels])
-        for channel, count in zip(channels, returns, strict=True):
-            drive = robot.drives.get(channel.joint)
-            if drive is not None and drive.controller is None:
-                yield from _no_measurement(log, channel, drive, count)
+    quantities = "motor_torque", "joint_torque", "motor_current"
+    computed = [x for quantity in quantities for x in _computed(robot, log, quantity)]
+    others = [name for name in log.joint_names if name not in {x.joint for x, *_ in computed}]
+    for channel, error, is_size in computed:
+        yield _no_measurement(channel, robot.drives[channel.joint], error, is_size, others)
+
+
+def _computed(robot: Robot, log: Log, quantity: str) -> Iterator[tuple[codes.Channel, Array, bool]]:
+    """Yield the torques that measure none, with the tracking error (T,), and if it is a size."""
+    channels = list(codes.channels_of(log, log.joint_names, quantity))
+    returns = _returns([channel.values for channel in channels])
+    for channel, count in zip(channels, returns, strict=True):
+        drive = robot.drives.get(channel.joint)
+        if drive is not None and drive.controller is None:
+            error = _tracking_error(log, channel.joint, drive.ratio)
+            is_magnitude = count >= tol.EVENTS or _is_folded(error, channel.values)
+            if is_magnitude or abs(_correlation(error, channel.values)) >= 1 - tol.FEW:
+                yield channel, error, is_magnitude
+
+
+def _to_be_measured(kept: Iterable[str]) -> str:
+    """Return the remedy of torques that are none, next to joints whose torques are `kept`."""
+    return f"log the measured current or torque{codes.excluding_torque([*kept])}"
+
+
+def _tracking_error(log: Log, joint: str, ratio: float) -> Array:
+    """Return the position commands of a joint less its positions (T,), NaN without either."""
+    j = log.joint_names.index(joint)
+    commands = np.nan if log.position_command is None else log.position_command[:, j]
+    return np.asarray(commands - _controlled_position(log, j, ratio))
 
 
 def _no_measurement(
-    log: Log, channel: codes.Channel, drive: Drive, returns: int
-) -> Iterator[Finding]:
-    """Yield a torque or current that is a magnitude, or computed from the tracking error."""
-    j, torque = log.joint_names.index(channel.joint), channel.values
-    commands = np.nan if log.position_command is None else log.position_command[:, j]
-    error = commands - _controlled_position(log, j, drive.ratio)
-    r, known = abs(_correlation(error, torque)), "20.0  # write the gain of your controller"
-    is_magnitude = returns >= tol.EVENTS or _is_folded(error, torque)
+    channel: codes.Channel, drive: Drive, error: Array, is_magnitude: bool, others: Sequence[str]
+) -> Finding:
+    """Return the finding of a torque or current that is a magnitude, or computed from the error."""
+    torque, r = channel.values, abs(_correlation(error, channel.values))
+    known = "20.0  # write the gain of your controller"
     what = "has no sign: it is a magnitude and returns to zero without crossing it"
     if not is_magnitude:
-        if r < 1 - tol.FEW:
-            return
         # N tau_M = K e at the joint
         times = float(np.std(torque) / np.std(error))
         # K_p acts at the joint, N K_t i = N tau_M = K_p e: a current needs K_t for it
@@ -347,10 +362,9 @@ def _no_measurement(
     table = f'type = "stiff"\ngear_ratio = {drive.ratio:.6g}\nmotor_input = "position_command"'
     law = f"position_gain_Nm_per_rad = {known}"
     remedy: str = codes.in_drives({(channel.joint,): table, (channel.joint, "controller"): law})
-    if drive.is_elastic:  # a joint with a controller has a stiff drive
-        others = [name for name in log.joint_names if name != channel.joint]
-        remedy = f"log the measured current or torque{codes.excluding_torque(others)}"
-    yield codes.CODES["no-measurement"].finding(
+    if drive.is_elastic or np.isnan(error[0]):  # a joint with a controller is stiff, and commanded
+        remedy = _to_be_measured(others)
+    return codes.CODES["no-measurement"].finding(
         f"the {channel.quantity.replace('_', ' ')} of {channel.joint} {what}, so that it measures "
         "no torque",
         channel.joint,
@@ -360,20 +374,36 @@ def _no_measurement(
     )
 
 
+def magnitudes(experiment: Experiment) -> Iterator[Finding]:
+    """Yield torques without a sign, which rise with those of the nominal bodies of both signs."""
+    names, torque = experiment.robot.joint_names, experiment.lever * experiment.torque
+    # (4b) into (7): the torque of the bodies and on the rotor, where it is that of a motor
+    of_file = experiment.of_file + np.nan_to_num(torque - experiment.target)
+    torque = np.where(np.isnan(torque), experiment.sensed, torque)
+    folded = [j for j in experiment.on_bodies if _is_folded(of_file[:, j], torque[:, j])]
+    for j in folded:
+        yield codes.CODES["no-measurement"].wrong(
+            f"the torque of {names[j]} has no sign, and rises with the size of the torque of the "
+            "bodies of the robot file on both sides: it is a magnitude and measures no torque",
+            names[j],
+            remedy=_to_be_measured(x for i, x in enumerate(names) if i not in folded),
+        )
+
+
 def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
     """Yield torques that lack those of the nominal bodies, which other joints show.
 
-    Their factor is zero, with an error that is far below one, and friction explains the torque.
+    Their factor is far below one, of chance or of a friction that is no sign of the speed, and
+    friction explains the torque.
     """
     # a payload that is named and not there has no torque, of a joint that measures well
     scales = experiment.with_changes(bodies=experiment.robot.parameters).scales
-    shown = [j for j, x in scales.items() if x.factor > max(tol.POOR, tol.SURE * x.error)]
     names = experiment.robot.joint_names
+    shown = [names[j] for j, x in scales.items() if x.factor > max(tol.POOR, tol.SURE * x.error)]
     for j, scale in scales.items() if 2 * len(shown) > len(scales) else ():
-        torque, friction = experiment.lever[j] * experiment.torque[:, j], experiment.friction[j]
-        rest = float(np.std(residual_of(np.nan_to_num(torque), friction)))
-        is_friction = rest < tol.SEVERE * float(np.std(torque))
-        if abs(scale.factor) < tol.SURE * scale.error < tol.POOR and is_friction:
+        most, most_of_all = (x.factor + tol.SURE * x.error for x in (scale, experiment.scales[j]))
+        is_chance = abs(scale.factor) < tol.SIGNIFICANT * scale.error
+        if is_chance and most < 1 and most_of_all < tol.SEVERE and _is_friction(experiment, j):
             yield codes.CODES["no-measurement"].finding(
                 f"the torque of {names[j]} has {scale.factor:.2g} +- {scale.error:.2g} times that "
                 "of the bodies of the robot file, and follows the direction of its motion: it "
@@ -381,9 +411,15 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
                 names[j],
                 "wrong",
                 {"torque over that of the bodies": scale.factor, "standard error": scale.error},
-                "log the measured current or torque"
-                + codes.excluding_torque([names[i] for i in shown]),
+                _to_be_measured(shown),
             )
+
+
+def _is_friction(experiment: Experiment, j: int) -> bool:
+    """Whether friction explains the torque of the motor of joint j."""
+    torque, friction = experiment.lever[j] * experiment.torque[:, j], experiment.friction[j]
+    rest = float(np.std(residual_of(np.nan_to_num(torque), friction)))
+    return rest < tol.SEVERE * float(np.std(torque))
 
 
 def _correlation(first: Array, second: Array) -> float:

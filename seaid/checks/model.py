@@ -112,8 +112,8 @@ def _of_logs(
     side: Side, joint: str, cause: str, explained: float, scores: Scores, remedy: str | None = None
 ) -> Finding:
     """Return the finding of logs that differ, with the values that do so most."""
-    worst = sorted(scores, key=scores.__getitem__)[:-4:-1]
-    named = joint * side.is_motor  # a column of a motor equation has no owner
+    # a column of a motor equation has no owner
+    worst, named = sorted(scores, key=scores.__getitem__)[:-4:-1], joint * side.is_motor
     differing = listed(first_term(readable(x.at(x.owner or named))) for x in worst)
     sizes = listed(f"{scores[x]:.0f}" for x in worst)
     equation = f"motor equation of {joint}" if side.is_motor else "torque equations"

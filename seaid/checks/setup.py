@@ -266,19 +266,15 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
         kind, j = min(best.falls, key=best.falls.__getitem__)
         before, after = (float(x.misfits[kind][j]) for x in (best.before, transform.changed))
         evidence |= {codes.AS_GIVEN: before, "misfit without it": after}
-        message += (
-            f": the part of the {KINDS[kind][1]} of {best.before.robot.joint_names[j]} that "
-            f"is left unexplained falls from {before:.0%} to {after:.0%}"
-        )
+        message += f": the part of the {KINDS[kind][1]} of {best.before.robot.joint_names[j]} that "
+        message += f"is left unexplained falls from {before:.0%} to {after:.0%}"
     else:
         # The inverse of z^2 / 2, which is positive for a transform that is demanded.
         evidence["standard errors"] = errors = math.sqrt(2 * (best.direct + best.bodies))
         other = "; the error after +- is that by the torques alone" * ("+-" in message)
         severity = "note" if severity == "note" else "doubtful"
-        message += (
-            f": by all that it shows, errors of the bodies in the robot file included, the log "
-            f"contradicts the value given by {errors:.0f} standard errors{other}"
-        )
+        message += ": by all that it shows, errors of the bodies in the robot file included, the "
+        message += f"log contradicts the value given by {errors:.0f} standard errors{other}"
     # what rests on the bodies of the robot file is at most likely
     certainty: Certainty = "certain" if best.shown > tol.SIGNIFICANT**2 / 2 else "likely"
     finding = transform.code.finding(
@@ -466,8 +462,10 @@ def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
         if abs(slope - 1) > tol.SLIGHT:
             scale = _scale(experiment, [j], slope, error)
             of_gear = [*_of_gear(experiment, j, slope)]
-            # a fitted factor that is that of the gear is no other cause, a unit is
-            yield from of_gear if of_gear and scale.penalty else [scale, *of_gear]
+            # a fitted factor that is that of the gear is no other cause, a unit is; and none
+            # whose error is as large as its value
+            is_known = not scale.penalty or (error < 1 and not of_gear)
+            yield from [scale, *of_gear] if is_known else of_gear
 
 
 def _of_gear(experiment: Experiment, j: int, slope: float) -> Iterator[Transform]:
@@ -502,16 +500,24 @@ def _scale(
     unit = min(_UNITS, key=lambda name: abs(math.log(size / _UNITS[name])))
     is_unit = abs(math.log(size)) > math.log(tol.FAR)
     exact = is_unit and abs(math.log(size / _UNITS[unit])) < math.log(tol.TWICE)
-    stated = f"# torque_scale_std = {error:.2g} in the drives file: it is in all intervals then"
     is_of_motors = all(experiment.input(j) in experiment.logged(j, channels) for j in joints)
     # A unit is one of few values and no fitted number: it costs one parameter less.
     factor = sign / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
     words = (f"are in {unit}" if exact else _off_by(size, error)) + _WITH_SIGN * (sign < 0)
+    words += _as_in(size, tol.SURE * error)
     code, severity = ("unit", "wrong") if is_unit else ("torque-scale", "doubtful")
     of_joints = experiment, dict.fromkeys(joints, factor), channels, words
-    remedy, evidence = stated * (error > 0 and not exact and is_of_motors), {"factor": slope}
-    more: dict[str, Any] = {"severity": severity, "evidence": evidence | known}
+    names = [experiment.robot.joint_names[j] for j in joints]
+    remedy = _stated(names, [error * (is_of_motors and not exact)] * len(names))
+    more: dict[str, Any] = {"severity": severity, "evidence": {"factor": slope} | known}
     return multiplied(CODES[code], *of_joints, penalty=float(not exact), remedy=remedy, **more)
+
+
+def _as_in(size: float, most: float) -> str:
+    """Return the words for units in which torques are `size` times those in N m, up to errors."""
+    units = {"kgf m": 1 / 9.80665, "kgf cm": 100 / 9.80665, "lbf in": 8.85075}
+    errors = {unit: abs(math.log(size / value)) for unit, value in units.items()}
+    return "".join(f", as in {unit}" for unit, x in errors.items() if x < most < tol.MOST)
 
 
 def _rescaled(
@@ -583,12 +589,14 @@ def _ratings(experiment: Experiment) -> Iterator[Transform]:
     clear, logs = [*scales], np.log([scale.factor for scale in scales.values()])
     if not _are_scales(logs, experiment.lever[clear]):
         return
-    parts, by = _parts_of_limits(experiment, logs, clear), "limits"
-    if not parts and np.min(logs) >= np.log(tol.FAR):
-        every, by = experiment.scales.items(), "masses"
-        parts = {j: 1 / scale.factor for j, scale in every if scale.factor > 0}
-    if parts:
-        least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()
+    least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()
+    ratings = {"limits": _parts_of_limits(experiment, logs, clear)}
+    if least >= tol.FAR:
+        ratings["masses"] = {j: 1 / x.factor for j, x in experiment.scales.items() if x.factor > 0}
+    for by, parts in ((by, parts) for by, parts in ratings.items() if parts):
+        names = tuple(experiment.robot.joint_names[j] for j in parts)
+        words = f"# by the {by} of the robot file; the ratings in the data sheets are better"
+        stated = _stated(names, _scale_errors(experiment, parts)) if by == "masses" else ""
         yield multiplied(
             CODES["unit"],
             experiment,
@@ -596,11 +604,30 @@ def _ratings(experiment: Experiment) -> Iterator[Transform]:
             "t",
             f"are {least:.3g} to {largest:.3g} times those of the bodies of the robot file, as "
             "parts of a rating of each motor are (per cent, per mille)",
-            remedy=f"# by the {by} of the robot file; the ratings in the data sheets are better",
+            remedy=f"{words}\n{stated}".strip(),
             evidence={"least factor": least, "largest factor": largest},
             penalty=float(len(parts) if by == "masses" else 1),
-            joints=tuple(experiment.robot.joint_names[j] for j in parts),
+            joints=names,
         )
+
+
+def _scale_errors(experiment: Experiment, parts: Mapping[int, float]) -> list[float]:
+    """Return the relative errors of factors on the torques of joints by the bodies of the file.
+
+    Each has an error of its own, and that of a factor on all, as of masses.
+    """
+    right, choices = scaled(experiment, parts, "t"), [[*parts], *([j] for j in parts)]
+    shared, *errors = (best_value(right, partial(_rescaled, x, "t"))[1] for x in choices)
+    return [math.hypot(shared, error) for error in errors]
+
+
+def _stated(joints: Sequence[str], errors: Sequence[float]) -> str:
+    """Return the remedy that states the errors of scales of torques, of those that are known."""
+    lines: dict[tuple[str, ...], str] = {}
+    for joint, error in zip(joints, errors, strict=True):
+        if 0 < error < 1:
+            lines[joint,] = f"torque_scale_std = {error:.2g}"
+    return in_drives(lines) if lines else ""
 
 
 def _are_scales(logs: Array, levers: Array) -> bool:
@@ -893,6 +920,7 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     checks = [Observation(CODES["encoder-offsets-differ"], channels.offset_findings)]
     if not experiment.robot.has_controllers:
         checks += [
+            Observation(CODES["no-measurement"], commands.magnitudes),
             Observation(CODES["no-measurement"], commands.of_friction_alone),
             Observation(CODES["nominal-values"], partial(_of_torques, known=known)),
         ]

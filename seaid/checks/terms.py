@@ -128,14 +128,12 @@ class DriveRows:
         if zero_value is None:
             return
         values |= zero_value
-        grid = self._grid(new_names, grids)
-        changed = _changed(term, old, new, new_names)
+        grid, changed = self._grid(new_names, grids), _changed(term, old, new, new_names)
         added = [name for name in new_names if name not in (*grid, "deflection_zero")]
         if not added and not grid:  # no part of this equation
             return
         # A law that replaces the sign of the speed replaces the columns of the fit that have it.
-        places = self._places(changed)
-        names = *changed, *added
+        places, names = self._places(changed), (*changed, *added)
         # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
         starts = [values | point for point in points]

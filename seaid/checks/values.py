@@ -127,10 +127,8 @@ def _drifts(shown: Diagnostics) -> Iterator[Finding]:
 
 def instruments_of_stiff_drives() -> Finding:
     """Return the note on instruments of stiff drives."""
-    return CODES["weak-instruments"].note(
-        "instrumental variables have little effect: the instruments of stiff drives come from the "
-        "same encoder as the motion, below a smaller cutoff"
-    )
+    text = "instrumental variables have little effect: those of stiff drives come from the encoder "
+    return CODES["weak-instruments"].note(f"{text}of the motion, below a smaller cutoff")
 
 
 def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> Iterator[Finding]:
@@ -269,10 +267,8 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
             message = f"{text} is not distinguishable from zero: remove its term"
         elif name == "coulomb_friction" and "stiffness" in estimate.names:
             code, play = CODES["loose-encoder"], abs(value / estimate.value("stiffness"))
-            message += (
-                "the joint encoder, or the spring, has play or hysteresis, at least "
-                f"{play:.2g} (torque of the motor over stiffness)"
-            )
+            message += "the joint encoder, or the spring, has play or hysteresis, at least "
+            message += f"{play:.2g} (torque of the motor over stiffness)"
         else:
             message += "check signs and offsets of the log"
             remedy = _if_negative(name, estimate.names, is_sure)
@@ -281,28 +277,25 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
         yield code.finding(message, joint, severity, evidence, remedy)
 
 
+_WITH_ROTORS = "let the bodies of the robot file be identified: they may contain the rotors"
+
+
 def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
     """Return what to do about a parameter below zero, `sure` if its interval excludes zero."""
     if name in _OF_TORQUE:
-        return (
-            "the motor's torque, current or voltage, the deflection, or all channels of this joint "
-            "have the opposite sign: sign = -1 in the description of the log"
-        )
+        text = "the motor's torque, current or voltage, the deflection, or all channels of this "
+        return text + "joint have the opposite sign: sign = -1 in the description of the log"
     if not sure:
         what = "state it as zero (known)" if name == "motor_inertia" else "remove its term"
         return f"zero is within three standard errors: {what} in the drives file, or move faster"
     if name != "motor_inertia":
         return "move faster and slower: one speed does not separate the terms of friction"
     if "command_delay" in others:
-        return (
-            "state the delay of the commands (command_delay_s, negative where positions are logged "
-            "late), or let the bodies of the robot file be identified: they may contain the rotors"
-        )
+        text = "state the delay of the commands (command_delay_s, negative where positions are "
+        return f"{text}logged late), or {_WITH_ROTORS}"
     if "stiffness" not in others:
-        return (
-            'state it as zero (motor_inertia_kg_m2 = 0.0, known = ["motor_inertia"]); where bodies '
-            "count as known, let them be identified: they may contain the rotors"
-        )
+        text = 'state it as zero (motor_inertia_kg_m2 = 0.0, known = ["motor_inertia"]); or '
+        return text + _WITH_ROTORS
     return "accelerate the motor more: its inertia is hardly in this torque"
 
 
@@ -434,16 +427,12 @@ def contradictions(robot: Robot, program: Program, least: float) -> Iterator[Fin
     # chi-square has the mean n and the variance 2 n
     if least <= count + tol.CONTRADICTED * math.sqrt(2.0 * count):
         return
-    text = (
-        f"no physically consistent robot comes near the estimate: chi-square is at least "
-        f"{least:.3g} over {count} values"
-    )
-    smallest, words = min(
-        ((nearest(x).chi_square, words) for words, x in _payloads_removed(robot, program)),
-        default=(least, ""),
-    )
-    if smallest < (1 - tol.NOTHING) * least:
-        yield CODES["inconsistent-inertia"].finding(f"{text}, and {smallest:.3g} without {words}")
+    text = "no physically consistent robot comes near the estimate: chi-square is at least "
+    text += f"{least:.3g} over {count} values"
+    without = {nearest(x).chi_square: words for words, x in _payloads_removed(robot, program)}
+    if (smallest := min(without, default=least)) < (1 - tol.NOTHING) * least:
+        text += f", and {smallest:.3g} without {without[smallest]}"
+        yield CODES["inconsistent-inertia"].finding(text)
         return
     known = f"known bodies ({', '.join(robot.known_bodies)}), " if robot.known_bodies else ""
     yield CODES["inconsistent-inertia"].finding(
@@ -458,11 +447,8 @@ def inconsistent_bodies(robot: Robot, is_nearest: bool) -> Iterator[Finding]:
 
     `is_nearest` says whether the nearest consistent ones were asked for.
     """
-    wrong = [
-        name
-        for name, body in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
-        if not (np.all(np.isfinite(body)) and is_physical(body, THIN))
-    ]
+    bodies = zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
+    wrong = [x for x, y in bodies if not (np.all(np.isfinite(y)) and is_physical(y, THIN))]
     if wrong:
         yield CODES["inconsistent-inertia"].note(
             f"the inertial parameters of {listed(wrong)} are physically inconsistent",
@@ -477,10 +463,8 @@ def _payloads_removed(robot: Robot, program: Program) -> Iterator[tuple[str, Pro
     for bodies in [[body] for body in loaded] + ([loaded] if len(loaded) > 1 else []):
         removed = np.zeros_like(payloads)
         removed[bodies] = payloads[bodies]
-        each = " and ".join(
-            f"the payload of {payloads[body, 0]:.4g} kg on {robot.body_names[body]}"
-            for body in bodies
-        )
+        masses = ((payloads[body, 0], robot.body_names[body]) for body in bodies)
+        each = " and ".join(f"the payload of {mass:.4g} kg on {name}" for mass, name in masses)
         # Without the payloads their torque is one of the bodies.
         propagated = program.columns[:, : payloads.size] @ removed.ravel()
         without = replace(program, estimate=program.estimate + propagated)

@@ -196,10 +196,8 @@ def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> 
     if {finding.code for finding in wrong} != {"no-fit"} or not {*names} <= {*joints}:
         return ""
     motors = np.array([joints[joint].motor for joint in names])
-    stiff, springs, driven = (
-        np.array(names)[mask].tolist()
-        for mask in (np.isnan(motors), np.isfinite(motors), motors < tol.MOST)
-    )
+    masks = np.isnan(motors), np.isfinite(motors), motors < tol.MOST
+    stiff, springs, driven = (np.array(names)[mask].tolist() for mask in masks)
     if 2 * len(stiff) >= len(joints):
         return ""
     doubtful = _of_severity("doubtful", warnings)
@@ -510,32 +508,26 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
 
 def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     """Return the finding on a joint of which the model lacks all or much, by its `error`."""
-    fit = whole.joints[joint]
-    excluded = (joint, *BASE_ROWS)
+    fit, excluded = whole.joints[joint], (joint, *BASE_ROWS)
     kept = [x for x, each in whole.joints.items() if x not in excluded and each.own < tol.NOTHING]
     of, force, base = f"the torque on the load of {joint}", "torque", ""
     if joint in BASE_ROWS:
         of, force, base = f"the {joint}", "force", _OF_BASE
     holds = f"; its motor equation holds, with an error of {fit.motor:.1%}" * (fit.motor < tol.MOST)
     severity: Severity = "doubtful"
-    message = (
-        f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs and "
-        f"{error:.0%} in excluded blocks, a constant 100%{holds}"
-    )
+    message = f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs and "
+    message += f"{error:.0%} in excluded blocks, a constant 100%{holds}"
     remedy = base or CODES["no-fit"].advice
     if fit.own <= tol.MOST:
-        message = (
-            f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of the "
-            f"{force}, and predicts excluded blocks of them with {error:.0%}: the motion of a part "
-            "of the log does not determine its parameters"
-        )
+        message = f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of the "
+        message += f"{force}, and predicts excluded blocks of them with {error:.0%}: the motion of "
+        message += "a part of the log does not determine its parameters"
         remedy = "record a longer motion" + ("" if base else ", or remove terms of this drive")
     elif error > tol.NOTHING:
         severity, remedy = "wrong", base or _OF_JOINT + excluding_torque(kept)
-        message = (
-            f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in the "
-            f"own logs and {_percent(error)} in excluded blocks, that of a constant 100%{holds}"
-        )
+        message = f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in "
+        message += f"the own logs and {_percent(error)} in excluded blocks, that of a constant "
+        message += f"100%{holds}"
     evidence = {"error": fit.own, "error of excluded blocks": fit.blocks}
     certainty: Certainty = "certain" if severity == "wrong" else "likely"
     return CODES["no-fit"].finding(message, joint, severity, evidence, remedy, certainty)

@@ -369,3 +369,57 @@ def test_bursts_of_lost_samples_are_no_wrong_clock() -> None:
     (finding,) = findings(Setup(urdf(), DRIVES, (), (lost | {"time_s": time[: sum(kept)]},), ({},)))
     assert (finding.code, finding.severity) == ("holes", "wrong")
     assert finding.evidence["steps"] == 4
+
+
+@pytest.mark.parametrize(("joint", "size"), [("shoulder", 0.4), ("wrist", 0.5)])
+def test_friction_that_is_smooth_is_in_no_other_unit_either(joint: str, size: float) -> None:
+    """It is no sign of the speed, so that a part of the bodies seems to be in it."""
+    columns, _ = LOGS["joint positions"]()
+    speed = RATIO * RATE_HZ * np.gradient(signals()[joint][0])
+    noise = 0.005 * np.random.default_rng(1).normal(size=len(speed))
+    rubbing = columns | {f"{joint}.motor_torque_Nm": size * np.tanh(speed / 5) + noise}
+    (finding,) = findings(Setup(urdf(), DRIVES, (), (rubbing,), ({},)))
+    assert (finding.code, finding.joint) == ("no-measurement", joint)
+
+
+def test_torques_in_per_cent_of_ratings_are_one_finding_with_their_errors() -> None:
+    """The ratings are not the limits of the robot file, which are 500 N m at each joint."""
+    columns, _ = LOGS["both positions"]()
+    ratings = {"shoulder": 4.0, "elbow": 1.2, "wrist": 0.25}
+    changes = [of(joint, ("torque",), 100 / rating) for joint, rating in ratings.items()]
+    setup = Setup(urdf(), DRIVES, (), (columns,), ({},))
+    for change in changes:
+        setup = change(setup)
+    (finding,) = findings(setup)
+    assert (finding.code, finding.joints) == ("unit", JOINTS)
+    repaired = applied(setup, [finding])
+    assert findings(repaired) == ()
+    assert repaired.drives
+    for joint, rating in ratings.items():
+        source = repaired.descriptions[0]["joints"][joint]["motor_torque"]
+        std = repaired.drives[joint]["torque_scale_std"]
+        assert abs(source["scale"] * 100 / rating - 1) < 3 * std < 0.5
+
+
+@pytest.mark.parametrize("joints", [("elbow",), ("wrist",), JOINTS])
+def test_torques_without_a_sign_are_excluded_in_one_line(joints: tuple[str, ...]) -> None:
+    columns, _ = LOGS["joint positions"]()
+    names = [f"{joint}.motor_torque_Nm" for joint in joints]
+    folded = columns | {name: np.abs(columns[name]) for name in names}
+    found = findings(Setup(urdf(), DRIVES, (), (folded,), ({},)))
+    assert [(finding.code, finding.joint) for finding in found] == [
+        ("no-measurement", joint) for joint in joints
+    ]
+    others = [f'"{joint}"' for joint in JOINTS if joint not in joints]
+    lines = {line for x in found for line in x.remedy.splitlines() if "torque_joints" in line}
+    assert lines == ({f"torque_joints = [{', '.join(others)}]"} if others else set())
+    assert not any("[elbow" in x.remedy for x in found)  # without commands no controller gives it
+
+
+@pytest.mark.parametrize(("name", "factor"), [("kgf m", 1 / 9.80665), ("lbf in", 8.85075)])
+def test_a_factor_that_is_that_of_a_unit_names_it(name: str, factor: float) -> None:
+    columns, _ = LOGS["both positions"]()
+    setup = of("elbow", ("torque",), factor)(Setup(urdf(), DRIVES, (), (columns,), ({},)))
+    (finding,) = findings(setup)
+    assert (finding.code, finding.joint) == ("torque-scale", "elbow")
+    assert f", as in {name}" in finding.message

@@ -118,7 +118,7 @@ def test_a_ratio_an_encoder_and_a_torque_that_are_off_are_told_apart(what: str, 
         assert source["gear_ratio"] == pytest.approx(1.0, abs=0.05)
         assert abs(source["gear_ratio"] - 1.0) < 3 * source["gear_ratio_std"] < 0.2
     else:
-        assert ("\n# torque_scale_std = " in finding.remedy) == (what == "torque-scale")
+        assert (f"[{name}]\ntorque_scale_std = " in finding.remedy) == (what == "torque-scale")
         quantity = "motor_torque" if what == "torque-scale" else f"{side}_position"
         assert source[quantity]["scale"] == pytest.approx(1 / factor, abs=0.04)
 
