@@ -25,7 +25,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
-from seaid.checks.tolerances import CONFIDENCE, NEGLIGIBLE, SLIGHT
+from seaid.checks.tolerances import CONFIDENCE, NEGLIGIBLE, SIGNIFICANT, SLIGHT
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
@@ -102,10 +102,18 @@ class ModelComparison:
 
     @property
     def is_better(self) -> bool:
-        """Whether the criterion and the prediction improve, whatever the part of the residual."""
+        """Whether the criterion and the prediction improve, whatever the part of the residual.
+
+        What few blocks show, as the large deflections of a hardening spring, makes blocks differ
+        too much for the t test. It is no chance if the criterion falls by that of `SIGNIFICANT`
+        standard errors, and the prediction improves by more than its own: that of a single block
+        that improves is as large as the improvement.
+        """
         # The quantile of Student's t: 2.36 standard errors of the mean of eight blocks.
         least = float(stdtrit(self.blocks - 1, CONFIDENCE))
-        return self.bic > 0 and self.improvement > 0 and self.t > least
+        # z standard errors lower the criterion by z^2, less its penalty
+        is_clear = self.bic > SIGNIFICANT**2 and self.improvement > self.improvement_std
+        return self.bic > 0 and self.improvement > 0 and (self.t > least or is_clear)
 
     @property
     def evidence(self) -> dict[str, float]:

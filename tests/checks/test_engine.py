@@ -16,6 +16,7 @@ from seaid.checks.engine import (
     Equation,
     ModelComparison,
     Selection,
+    _changes,
     compared_candidates,
     equation_of,
     forward_selection,
@@ -178,12 +179,13 @@ def test_autocorrelated_rows_count_less() -> None:
     assert compared(same, 2, same.H[:, 2]).F < 0.45 * compared(data, 2, data.H[:, 2]).F
 
 
-def test_one_block_does_not_decide() -> None:
+@pytest.mark.parametrize(("size", "least"), [(3, 10), (30, 25)])
+def test_one_block_does_not_decide(size: float, least: float) -> None:
     """A column that is almost zero outside of one segment explains a burst there."""
     data = rows((1.0, -2.0, 0.0, 0.0))
     burst = np.where((data.time > 0.5) & (data.time < 0.52), data.H[:, 3], 0.0)
-    found = compared(replace(data, y=data.y + 3 * burst), 2, burst + 0.01 * data.H[:, 3])
-    assert found.bic > 10
+    found = compared(replace(data, y=data.y + size * burst), 2, burst + 0.01 * data.H[:, 3])
+    assert found.bic > least
     assert not found.is_supported_overall
 
 
@@ -241,3 +243,18 @@ def test_a_cause_that_explains_as_much_is_a_rival_and_one_that_is_there_too_is_n
     both = selected(true - 0.5 * data.H[:, 3], data.H[:, 3])
     assert len(both.accepted) == 2
     assert all(not one.rivals for one in both.accepted)
+
+
+@pytest.mark.parametrize(
+    ("bic", "spread", "is_better"), [(33.0, 0.25, True), (20.0, 0.25, False), (33.0, 0.4, False)]
+)
+def test_what_few_blocks_show_needs_a_criterion_beyond_chance(
+    bic: float, spread: float, is_better: bool
+) -> None:
+    """Large deflections of a hardening spring are in some blocks: t is 2.0, and 2.36 is needed."""
+    comparison = ModelComparison(bic, 57.8, 0.39, 0.39, spread, 6, 8, 2.0, 120.0, 1)
+    assert comparison.is_supported_overall == is_better
+    # a single block that improves has its whole improvement as the standard error
+    alone = np.array([1.0, *7 * [0.0]])
+    improvement, std, *_ = _changes(np.ones(8), np.ones(8) - 0.4 * alone)
+    assert improvement == pytest.approx(std)
