@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from seaid.checks.codes import CODES, in_drives, only_joint
-from seaid.checks.tolerances import FAR, MOST, NOTHING, POOR, RARE, SLIGHT, SURE, TWICE
+from seaid.checks.tolerances import FAR, FEW, MOST, NOTHING, POOR, RARE, SLIGHT, SURE, TWICE
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
 
@@ -142,24 +142,25 @@ def motor_side_findings(
     for joint, sizes in tests.items():
         damping, error = sizes.get(1, (0.0, 0.0))
         fall, error_of_fall = sizes.get(2, (0.0, 0.0))
-        if damping > SURE * error:  # of which the other term has a part
+        is_link, is_damped = fall > ndtri(0.99) * error_of_fall, damping > SURE * error
+        # damping of a spring has a part in the other term; a link has less than any spring
+        if is_damped and not (is_link and damping < FEW):
             text = f"the spring of {joint} has damping that its drive lacks, a damping ratio of "
             text += f"{damping / 2:.2%} of its load, {damping / error:.0f} standard errors: its "
             text += "stiffness and friction may be wrong by more than their intervals"
             evidence = {"damping ratio": damping / 2, "standard error": error / 2}
             lines = in_drives({(joint,): 'spring = ["linear", "damping"]'})
             yield CODES["motor-side"].finding(text, joint, "doubtful", evidence, lines)
-        elif fall > ndtri(0.99) * error_of_fall:
-            yield _flexible(joint, fall, error_of_fall, antiresonances_hz[joint])
+        elif is_link:
+            less = f"; a damping ratio of {damping / 2:.2%} is that of a link" * is_damped
+            yield _flexible(joint, fall, error_of_fall, antiresonances_hz[joint], less)
         elif 2 in sizes:
             # Of half of the inertia B is d^2: the upper end of its one-sided 95 % interval as d.
             hidden[joint] = math.sqrt(abs(fall) + ndtri(0.95) * error_of_fall)
     bounds = ", ".join(f"{least:.1%} at {joint}" for joint, least in hidden.items())
-    unshown = (
-        f"; an elastic link with half of the inertia behind it, which this log does not show, may "
-        f"have lowered the stiffness by up to {bounds} (95 %); motions up to twice the "
-        "antiresonance show more"
-    )
+    unshown = "; an elastic link with half of the inertia behind it, which this log does not show, "
+    unshown += f"may have lowered the stiffness by up to {bounds} (95 %); motions up to twice the "
+    unshown += "antiresonance show more"
     yield CODES["motor-side"].note(
         f"{', '.join(tests)}: no sensor behind the spring, so that stiffness and load come from "
         "motor angle and torque by output error; the stiffness is that of gear, spring and link in "
@@ -170,7 +171,7 @@ def motor_side_findings(
     )
 
 
-def _flexible(joint: str, size: float, error: float, antiresonance_hz: float) -> Finding:
+def _flexible(joint: str, size: float, error: float, antiresonance_hz: float, more: str) -> Finding:
     # d from B = d^2 (1 - s) / s
     less = [math.sqrt(size * share / (1 - share)) for share in (0.3, 0.5)]
     return CODES["motor-side"].finding(
@@ -178,7 +179,7 @@ def _flexible(joint: str, size: float, error: float, antiresonance_hz: float) ->
         f"its antiresonance of {antiresonance_hz:.3g} Hz, {size / error:.0f} standard errors: "
         "something behind the spring is elastic too, a link, a gear or a mounting, which the model "
         f"lacks. That in series with the spring makes the stiffness about {less[0]:.1%} lower than "
-        f"the spring's with 30% of the inertia behind it, {less[1]:.1%} with half",
+        f"the spring's with 30% of the inertia behind it, {less[1]:.1%} with half{more}",
         joint,
         evidence={"fall at the antiresonance": size, "standard error": error},
         remedy="take the stiffness as that of spring and link in series, or log the joint position",

@@ -20,7 +20,7 @@ from scripts.benchmarks.motor_side import (
     simulated,
     simulated_together,
 )
-from seaid.checks.predictions import noisy_springs
+from seaid.checks.predictions import motor_side_findings, noisy_springs
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.identification import Identification, identify, refine
 from seaid.identification.unseen_springs import (
@@ -210,6 +210,21 @@ def test_an_elastic_link_behind_the_spring_is_named(tmp_path: Path) -> None:
     share = THREE.share  # the bias that the finding gives for the true share
     assert np.sqrt(fall * share / (1 - share)) == pytest.approx(-bias, rel=0.3)
     assert "usable with care: motor-side (arm)" in result.verdict.sentence
+
+
+@pytest.mark.parametrize(
+    ("damping", "fall", "is_link"),
+    [(5e-4, 0.004, True), (0.04, 0.004, False), (5e-4, 1e-4, False)],
+)
+def test_damping_that_no_spring_has_is_that_of_a_link(
+    damping: float, fall: float, is_link: bool
+) -> None:
+    """A link behind the spring is damped too: a line of damping left k 25 % too low."""
+    tests = {"arm": {1: (damping, 1.2e-4), 2: (fall, 1.9e-4)}}
+    finding, _ = motor_side_findings(tests, {"arm": 4.6})
+    assert ("something behind the spring is elastic too" in finding.message) == is_link
+    assert ('spring = ["linear", "damping"]' in finding.remedy) == (not is_link)
+    assert f"damping ratio of {damping / 2:.2%}" in finding.message
 
 
 @pytest.mark.slow  # no start ends at the noise, so that all are tried
