@@ -115,7 +115,7 @@ SHORT_FORMS = {
     "benchmarks/short_logs.py": ("--quick --experiments 1",),
     "benchmarks/journey.py": ("--quick --repeats 1",),
     "benchmarks/legged.py": ("--quick 1 1",),
-    "benchmarks/legged_findings.py": ("1 'feet slip'",),
+    "benchmarks/legged_findings.py": ("--help", "1 'feet slip'"),
     "benchmarks/legged_logs.py": ("--quick hips",),
     "benchmarks/limits_kept.py": ("--cases 1",),
     "benchmarks/log_headers.py": ("",),

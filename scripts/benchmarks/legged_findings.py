@@ -1,11 +1,11 @@
 """Findings on simulated logs of legged robots: false ones of clean logs, and true ones of faults.
 
-Run from the folder of the project: python -m scripts.benchmarks.legged_findings [logs [kind ...]]
+Run from the folder of the project: python -m scripts.benchmarks.legged_findings [logs] [kind ...]
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -181,8 +181,11 @@ def named(case: Case) -> list[str]:
 
 def main() -> None:
     """Print the findings of each log, and how many logs have any."""
-    count, *kinds = sys.argv[1:] or ["3"]
-    seeds = range(FIRST_SEED, FIRST_SEED + int(count))
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("logs", type=int, nargs="?", default=3, help="of each kind")
+    parser.add_argument("kinds", nargs="*", help=f"by default all: {listed([*CLEAN, *FAULTS])}")
+    given = parser.parse_args()
+    kinds, seeds = given.kinds, range(FIRST_SEED, FIRST_SEED + given.logs)
     _FOLDER.mkdir(exist_ok=True)
     for kind, make in CLEAN.items():
         if not kinds or kind in kinds:
