@@ -99,7 +99,9 @@ def repaired(robot: Robot, log: Log, remedy: str) -> tuple[Robot, Log]:
 
 def lines_of(finding: Finding, joint: str) -> dict[str, Any]:
     """Return the lines that the remedy of a finding has for a joint."""
-    tables = tomllib.loads(finding.remedy.partition("\n")[2])
+    lines = finding.remedy.partition("\n")[2]
+    # the description of a log comes before the drives file
+    tables = tomllib.loads(lines.partition("\nin the drives file:")[0])
     return dict(tables.get("joints", tables)[joint])
 
 
