@@ -102,18 +102,20 @@ class ModelComparison:
 
     @property
     def is_better(self) -> bool:
-        """Whether the criterion and the prediction improve, whatever the part of the residual.
-
-        What few blocks show, as the large deflections of a hardening spring, makes blocks differ
-        too much for the t test. It is no chance if the criterion falls by that of `SIGNIFICANT`
-        standard errors, and the prediction improves by more than its own: that of a single block
-        that improves is as large as the improvement.
-        """
+        """Whether the criterion and the prediction improve, whatever the part of the residual."""
         # The quantile of Student's t: 2.36 standard errors of the mean of eight blocks.
         least = float(stdtrit(self.blocks - 1, CONFIDENCE))
+        return self.bic > 0 and self.improvement > 0 and self.t > least
+
+    @property
+    def is_clear_in_few(self) -> bool:
+        """Whether what few blocks show is no chance, though they differ too much for the t test.
+
+        The criterion falls by that of `SIGNIFICANT` standard errors, and the prediction improves by
+        more than its own: that of a single block that improves is as large as the improvement.
+        """
         # z standard errors lower the criterion by z^2, less its penalty
-        is_clear = self.bic > SIGNIFICANT**2 and self.improvement > self.improvement_std
-        return self.bic > 0 and self.improvement > 0 and (self.t > least or is_clear)
+        return self.bic > SIGNIFICANT**2 and self.improvement > self.improvement_std
 
     @property
     def evidence(self) -> dict[str, float]:
@@ -390,9 +392,10 @@ def best_trial(trials: Iterable[Trial]) -> Trial | None:
     Supported are those by which the criterion and the prediction improve and a part of the residual
     goes, of the rows on which they act: a joint's own part is small among many joints.
     """
-    compared = {trial: trial.comparison for trial in trials}
-    better = (trial for trial, x in compared.items() if x.share > SLIGHT and x.is_better)
-    return best_of({trial: compared[trial] for trial in better})
+    compared = {trial: trial.comparison for trial in trials if trial.comparison.share > SLIGHT}
+    # A spring deflects far in few blocks only, where it is hard or soft.
+    clear = {x for x in compared if x.candidate.field == "spring" and compared[x].is_clear_in_few}
+    return best_of({x: each for x, each in compared.items() if each.is_better or x in clear})
 
 
 @dataclass(frozen=True, eq=False)

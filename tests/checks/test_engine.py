@@ -187,6 +187,7 @@ def test_one_block_does_not_decide(size: float, least: float) -> None:
     found = compared(replace(data, y=data.y + size * burst), 2, burst + 0.01 * data.H[:, 3])
     assert found.bic > least
     assert not found.is_supported_overall
+    assert not found.is_clear_in_few
 
 
 @pytest.mark.parametrize("segments", [1, SEGMENTS])
@@ -246,14 +247,15 @@ def test_a_cause_that_explains_as_much_is_a_rival_and_one_that_is_there_too_is_n
 
 
 @pytest.mark.parametrize(
-    ("bic", "spread", "is_better"), [(33.0, 0.25, True), (20.0, 0.25, False), (33.0, 0.4, False)]
+    ("bic", "spread", "is_clear"), [(33.0, 0.25, True), (20.0, 0.25, False), (33.0, 0.4, False)]
 )
 def test_what_few_blocks_show_needs_a_criterion_beyond_chance(
-    bic: float, spread: float, is_better: bool
+    bic: float, spread: float, is_clear: bool
 ) -> None:
     """Large deflections of a hardening spring are in some blocks: t is 2.0, and 2.36 is needed."""
     comparison = ModelComparison(bic, 57.8, 0.39, 0.39, spread, 6, 8, 2.0, 120.0, 1)
-    assert comparison.is_supported_overall == is_better
+    assert comparison.is_clear_in_few == is_clear
+    assert not comparison.is_better
     # a single block that improves has its whole improvement as the standard error
     alone = np.array([1.0, *7 * [0.0]])
     improvement, std, *_ = _changes(np.ones(8), np.ones(8) - 0.4 * alone)
