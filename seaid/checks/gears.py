@@ -248,13 +248,16 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     last = float(np.max(experiment.time)) + 1  # the low pass takes less from the end of a log
     findings, motor, counted = list[Finding](), experiment.motor.copy(), experiment.counted.copy()
     for j in _between_encoders(experiment):
-        # The rotor has a column of its own, because a step spoils the inertia that (7) gave it.
+        # The rotor has a column of its own, because a step spoils the inertia that (7) gave it. The
+        # friction of a motor that stands is anything.
+        rows = experiment.in_motion.counted[:, j]
         deflection = [experiment.deflection(j), experiment.motor[2][:, j]]
-        span = scaled_svd(np.column_stack([logs, logs * experiment.time, *deflection])).spans
-        X = np.column_stack([steps, experiment.apart[:, j]])
+        span = scaled_svd(np.column_stack([logs, logs * experiment.time, *deflection])[rows]).spans
+        X = np.column_stack([steps, experiment.apart[:, j]])[rows]
         X -= span @ (span.T @ X)
-        # A step at an end of a log is nothing but its offset, of which rounding is left.
-        squares = np.maximum(np.sum(X[:, :-1] ** 2, axis=0), tol.POOR)
+        # A step of which the other columns leave less than at one instant is an offset at the end
+        # of a log, or friction at a reversal.
+        squares = np.maximum(np.sum(X[:, :-1] ** 2, axis=0), 1.0)
         projected = X[:, :-1].T @ X[:, -1]
         i = int(np.argmax(projected**2 / squares))
         step = float(projected[i] / squares[i])
