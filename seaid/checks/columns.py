@@ -237,9 +237,8 @@ def _friction(side: Side, joint: str) -> list[engine.Candidate]:
 
 def _parallel_springs(side: Side, joint: str) -> list[engine.Candidate]:
     """Return the spring parallel to a joint; what holds a locked output, and yields, is none."""
-    if side.is_motor or side.swing(joint) < LEAST_SWING:
-        return []
-    return _terms(side, joint, "parallel_spring", ("linear",))
+    is_free = not side.is_motor and side.swing(joint) >= LEAST_SWING
+    return _terms(side, joint, "parallel_spring", ("linear",)) if is_free else []
 
 
 def _joint_friction(side: Side, joint: str) -> list[engine.Candidate]:

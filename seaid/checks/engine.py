@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -28,6 +29,7 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid.checks.tolerances import CONFIDENCE, NEGLIGIBLE, SIGNIFICANT, SLIGHT
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
+from seaid.estimation import qr_factor
 from seaid.estimation.covariance import long_run_of
 from seaid.estimation.qr_factor import ROUNDING, explained_squares, scaled_svd, triangle, whitened
 from seaid.log.filtering import ROWS_PER_PERIOD
@@ -40,28 +42,28 @@ if TYPE_CHECKING:
 
 Fit = TypeVar("Fit")
 
-BLOCKS, SEGMENTS = 8, 4
-"""Number of blocks, of which each is predicted from the others, and of its segments in time.
-
-A block of one segment may lack what makes two models differ, such as the large deflections of a
-spring; four spread over the log find a cubic spring twice as often, and no more that is not there
-(scripts/benchmarks/term_selection.py)."""
-
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """A larger model: the columns (R, c) in addition to, or in place of, those of the rows.
+    """A larger model: the columns H (R, c) in addition to, or in place of, those of the rows.
 
-    `replaced` are the places of the columns that it lacks. `parameters` is the number of additional
-    parameters, linear and nonlinear; `values` are those of the nonlinear ones at which the columns
-    were computed. `names` are the parameters of the columns, if they are those of a term.
+    They act on the rows `own` (R,), if these are given. `replaced` are the places of the columns
+    that it lacks. `parameters` is the number of additional parameters, linear and nonlinear;
+    `values` are those of the nonlinear ones at which the columns were computed. `names` are the
+    parameters of the columns, if they are those of a term.
     """
 
-    columns: Array
+    H: Array
     parameters: int
     replaced: tuple[int, ...] = ()
     values: Mapping[str, float] = FrozenMapping({})
     names: tuple[str, ...] = ()
+    own: BoolArray | None = None
+
+    @property
+    def columns(self) -> Array:
+        """The columns (R, c), made anew of H if they are zero but at rows of their own."""
+        return self.H if self.own is None else self.H * self.own[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +140,9 @@ def best_of(supported: Mapping[Model, ModelComparison]) -> Model | None:
 
     That is by the criterion with one number of independent rows, the smallest one of all.
     """
-    if not supported:
-        return None
     # Criteria of different numbers of rows are not comparable: each grows with its number.
-    rows = min(comparison.independent for comparison in supported.values())
-    return max(supported, key=lambda model: supported[model].criterion(rows))
+    rows = min((comparison.independent for comparison in supported.values()), default=1.0)
+    return max(supported, key=lambda model: supported[model].criterion(rows), default=None)
 
 
 def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _SharedModel:
@@ -154,7 +154,9 @@ def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _S
     parts = [rows.H[:, core], rows.H[:, replaced], *(model.columns for model in alternatives)]
     X = equation.weighted(np.column_stack([*parts, rows.y]))
     # The factors R_b of the blocks have all sums of squares that follow: R_b^T R_b = X_b^T X_b.
-    factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
+    factors = [
+        triangle(X[block]) for block in qr_factor.time_blocks(rows, segments=qr_factor.SEGMENTS)
+    ]
     joint_factor = np.concatenate(factors)
     # What the core leaves of the other columns and of y has the residuals of the whole model.
     whole = _projected_out(joint_factor, len(core))[1]
@@ -162,9 +164,9 @@ def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _S
     # row, not a factor: the autocorrelation of the residual needs the order in
     # time.
     rest = X[:, p:] - X[:, :p] @ _projected_out(joint_factor, p)[0]
-    ends = np.cumsum([model.columns.shape[1] for model in alternatives]).tolist()
-    starts = dict(zip(alternatives, [0, *ends], strict=False))
-    return _SharedModel(equation, replaced, len(core), starts, factors, whole, rest)
+    ends = np.cumsum([0, *(model.H.shape[1] for model in alternatives)]).tolist()
+    places = dict(zip(alternatives, map(range, ends, ends[1:]), strict=True))
+    return _SharedModel(equation, replaced, len(core), places, factors, whole, rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,15 +174,16 @@ class _SharedModel:
     """The smaller model of comparisons, and what it leaves of the columns of alternatives.
 
     `replaced` are the places of columns that some alternative replaces, `core` is the number of all
-    others, and `starts` are the places of the columns of alternatives. `factors` are those of the
-    blocks; `whole` is that of the columns that are replaced, those of alternatives and y without
-    the core, and `rest` (R, c) the rows of the latter two without all columns of the model.
+    others, and `places` are those of the columns of alternatives among all of these. `factors` are
+    those of the blocks; `whole` is that of the columns that are replaced, those of alternatives and
+    y without the core, and `rest` (R, c) the rows of the latter two without all columns of the
+    model.
     """
 
     equation: Equation
     replaced: Sequence[int]
     core: int
-    starts: Mapping[Alternative, int]
+    places: Mapping[Alternative, range]
     factors: Sequence[Array]
     whole: Array
     rest: Array
@@ -200,15 +203,10 @@ class _SharedModel:
         """The squared residual of the smaller model."""
         return float(_squares(self.whole, self.whole, range(len(self.replaced))))
 
-    def columns_of(self, model: Alternative) -> range:
-        """Return the places of the columns of a larger model among those of all."""
-        start = self.starts[model]
-        return range(start, start + model.columns.shape[1])
-
     def places_of(self, model: Alternative) -> list[int]:
         """Return the places of a larger model in `whole`, which begins with those replaced."""
         kept = [k for k, place in enumerate(self.replaced) if place not in model.replaced]
-        return [*kept, *(len(self.replaced) + k for k in self.columns_of(model))]
+        return [*kept, *(len(self.replaced) + k for k in self.places[model])]
 
     def rss_ratio(self, model: Alternative) -> float:
         """Return RSS_0 / RSS, the squared residual of the smaller model over that of a larger one.
@@ -232,12 +230,10 @@ class _SharedModel:
         share = explained / max(part, 1e-300)
         # Not counted otherwise: a share this small is never supported, whatever its criterion.
         if in_full or share > SLIGHT:
-            columns = self.rest[:, [*self.columns_of(model)]]
+            columns = self.rest[:, [*self.places[model]]]
             count = _independent_rows(equation.rows, columns, self.rest[:, -1])
-        # With n independent rows and n' = n - p - k: n' log(RSS_0 / RSS) - k log n - 2 log(asked).
         freedom = max(count - len(equation.rows.names) - model.parameters, 1.0)
-        penalty = model.parameters * math.log(count) + 2 * math.log(max(asked, 1))
-        bic = freedom * math.log(max(rss_ratio, 1e-300)) - penalty  # Chen and Chen 2008
+        bic = _bic(rss_ratio, freedom, count, model.parameters, asked)
         without = within = np.zeros(len(self.factors))
         if least_bic is None or (bic > least_bic and share > SLIGHT):
             without, within = self.without, _squares(*self.blocks, self.places_of(model))
@@ -245,6 +241,13 @@ class _SharedModel:
         F = freedom / model.parameters * max(rss_ratio - 1, 0.0)
         numbers = bic, F, explained, *_changes(without, within), count, model.parameters, share
         return ModelComparison(*numbers)
+
+
+def _bic(rss_ratio: float, freedom: float, count: float, parameters: int, asked: int) -> float:
+    """Return the criterion of a number of independent rows."""
+    # With n independent rows and n' = n - p - k: n' log(RSS_0 / RSS) - k log n - 2 log(asked).
+    penalty = parameters * math.log(count) + 2 * math.log(max(asked, 1))
+    return freedom * math.log(max(rss_ratio, 1e-300)) - penalty  # Chen and Chen 2008
 
 
 def _independent_rows(rows: Regression, columns: Array, residual: Array) -> float:
@@ -480,8 +483,7 @@ class Equation:
         # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
         # torque, and NEGLIGIBLE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
-        needed = (NEGLIGIBLE * min(torques, default=0.0)) ** 2
-        needed = max(SLIGHT * self.squares(rows), needed)
+        needed = max(SLIGHT * self.squares(rows), (NEGLIGIBLE * min(torques, default=0.0)) ** 2)
         rest[:, np.linalg.norm(rest, axis=0) <= _LOST * np.linalg.norm(whole, axis=0)] = 0.0
         parts = np.split(rest, np.cumsum([part.shape[1] for part in columns])[:-1], axis=1)
         return any(explained_squares(part, self.residual) > needed for part in parts)
@@ -534,22 +536,45 @@ def compared_candidates(
     for those that do, and blocks are predicted by those whose criterion is above it; others count
     as unchanged. Raises IdentificationError for too few rows.
     """
-    in_full = least_bic is None
-    tested = [
-        candidate
-        for candidate in candidates
-        if candidate.alternatives and (in_full or equation.is_promising(candidate.alternatives))
-    ]
-    if not tested:
-        return []
-    shared, trials = _shared_model(equation, [x for c in tested for x in c.alternatives]), []
-    for candidate in tested:
-        # All points of a grid have the same number of parameters: the best one explains most.
-        ratios = {model: shared.rss_ratio(model) for model in candidate.alternatives}
-        best = max(ratios, key=ratios.__getitem__)
-        comparison = shared.compared(best, ratios[best], asked, least_bic)
-        trials.append(Trial(candidate, comparison, best))
+    tested = [candidate for candidate in candidates if candidate.alternatives]
+    if least_bic is not None:
+        tested = _without_logs(equation, tested, asked, least_bic)
+        tested = [x for x in tested if equation.is_promising(x.alternatives)]
+    trials = []
+    # Those of logs are as wide as the fit: each is compared alone.
+    for _, of_width in groupby(tested, lambda x: x.alternatives[0].own is None or x):
+        group = [*of_width]
+        shared = _shared_model(equation, [x for c in group for x in c.alternatives])
+        for candidate in group:
+            # All points of a grid have the same number of parameters: the best one explains most.
+            ratios = {model: shared.rss_ratio(model) for model in candidate.alternatives}
+            best = max(ratios, key=ratios.__getitem__)
+            comparison = shared.compared(best, ratios[best], asked, least_bic)
+            trials.append(Trial(candidate, comparison, best))
     return trials
+
+
+def _without_logs(
+    equation: Equation, candidates: Sequence[Candidate], asked: int, least_bic: float
+) -> list[Candidate]:
+    """Return candidates without logs whose criterion cannot exceed the least one.
+
+    Of the others those remain that may explain most, as many as an equation may accept. Values of
+    columns in addition to those of the fit are free in a log, too, so that it explains no more.
+    """
+    parts = {x: own for x in candidates if (own := x.alternatives[0].own) is not None}
+    (Q, effects), rows, p = equation.errors, equation.rows, len(equation.rows.names)
+    errors = [Q @ directions * sizes for directions, sizes in effects]
+    X = np.column_stack([equation.weight[:, None] * rows.H, *errors, equation.weight * rows.y])
+    # |(1 + B B^T)^-1/2 r|^2, of `whitened`, is the least |r - B u|^2 + |u|^2.
+    shares = qr_factor.explained_apart(X, np.eye(X.shape[1])[p:-1], parts.values())
+    # As many independent rows as there may be, for which the criterion is largest.
+    most, bics = 2 * len(rows.y) / ROWS_PER_PERIOD, dict[Candidate, float]()
+    for x, share in zip(parts, shares, strict=False):  # without logs nothing is computed
+        k = x.alternatives[0].parameters
+        bics[x] = _bic(1 / max(1 - share, 1e-300), most - p - k, most, k, asked)
+    possible = sorted((x for x in bics if bics[x] > least_bic), key=bics.__getitem__)
+    return [x for x in candidates if x not in parts or x in possible[-MOST_ACCEPTED:]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -671,24 +696,3 @@ def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[
     least, (check, joint) = best.comparison.bic - least_gain, best.candidate.origin
     others = (x for x in supported if x.candidate.joint == joint and x.candidate.about is not check)
     return [x for x in others if x.comparison.is_better and x.comparison.bic > least]
-
-
-def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> list[BoolArray]:
-    """Return `count` masks of rows, of blocks of segments in turn.
-
-    Each block has every `count`-th of `count * segments` segments in time, which have equal numbers
-    of rows.
-    """
-    # By log, then by time: all joints of an instant are in one segment, but at its ends.
-    order = np.lexsort((rows.time, rows.run))
-    place = np.empty(len(order), dtype=np.intp)
-    place[order] = np.arange(len(order))
-    # Segment s of count * segments is in block s mod count.
-    block = place * count * segments // max(len(order), 1) % count
-    masks = [np.asarray(block == place) for place in range(count)]
-    if len(order) < count * 2 or len(order) * (count - 1) / count <= rows.H.shape[1]:
-        raise IdentificationError(
-            f"{len(order)} rows are too few to exclude one of {count} blocks and estimate "
-            f"{rows.H.shape[1]} parameters from the others: record a longer log"
-        )
-    return masks

@@ -698,8 +698,7 @@ class Experiment:
             length = max(tol.CENTRE_M, tol.BODY * size / max(mass, _LEAST))
             # All six moments of inertia by the same half of their values: the body keeps its shape.
             inertia = np.where(np.arange(10) < 4, 0.0, tol.MOST * body)
-            columns = [share * body, length * moved(mass, body[1:4]), inertia]
-            blocks.append(np.column_stack(columns))
+            blocks.append(np.column_stack([share * body, length * moved(mass, body[1:4]), inertia]))
         known = np.where(self.robot.is_known, tol.POOR, 1.0)
         return np.asarray(known[:, None] * block_diag(*blocks))
 

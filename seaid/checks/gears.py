@@ -63,9 +63,9 @@ def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
     known = {(harmonic.angle, harmonic.order) for harmonic in drive.harmonics}
     for name, highest in _HIGHEST.items():
         width = max(float(np.ptp(angle)) for angle in _angles(side.drive(joint), name))
-        if name == "joint" and drive.joint_units[1] != "rad":
-            continue
-        if name == "mesh" and width < 2 * np.pi * drive.ratio:  # it has the orders of the motor
+        # A mesh that turns less has the orders of the motor.
+        may = {"joint": drive.joint_units[1] == "rad", "mesh": width >= 2 * np.pi * drive.ratio}
+        if not may.get(name, True):
             continue
         for order in (k for k in range(1, highest + 1) if k <= 6 or k % 2 == 0):
             # Less than half a period looks like the spring.

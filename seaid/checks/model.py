@@ -38,14 +38,14 @@ def _other_set_ups(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """
     numbers = [*dict.fromkeys(side.logs)] if joint == side.joints[0] else []
     for number in numbers[1:] if len(numbers) <= 2 else numbers:
-        yield engine.linear_candidate(joint, "log", str(number), partial(_of_log, side, number))
+        yield engine.Candidate(joint, "log", str(number), partial(_of_log, side, number))
 
 
-def _of_log(side: Side, number: int) -> Array:
-    """Return the columns (R, p) of the fit, zero but at the rows of a log."""
+def _of_log(side: Side, number: int) -> list[engine.Alternative]:
+    """Return the columns of the fit at the rows of a log."""
     rows = side.equation.rows
     is_own = np.array(side.logs)[rows.run.astype(int)] == number
-    return np.asarray(rows.H * is_own[:, None])
+    return [engine.Alternative(rows.H, rows.H.shape[1], own=is_own)]
 
 
 def _is_another_set_up(
@@ -60,7 +60,8 @@ def _is_another_set_up(
     # a start.
     is_fixed = np.array([x == "stiffness" or not (side.is_motor or x.owner) for x in names])
     own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])
-    of_each = np.hstack([_of_log(side, x)[:, ~is_fixed] for x in [*dict.fromkeys(side.logs)][1:]])
+    further = [x for number in [*dict.fromkeys(side.logs)][1:] for x in _of_log(side, number)]
+    of_each = np.hstack([model.columns[:, ~is_fixed] for model in further])
     with_friction = side.equation.with_alternatives([engine.Alternative(of_each, 0)])
     explained, scores, _ = _explained_by(with_friction, own, is_fixed)
     if explained >= MATTERS and scores:

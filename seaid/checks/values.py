@@ -242,9 +242,8 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
         if error > tol.POOR * abs(value):
             share = f"standard error {error / abs(value):.0%}" if value else "value zero"
             reasons = [share, *reasons]
-        if is_weak and _scattering_constant(estimate):
-            constant = readable(ParameterName(_scattering_constant(estimate), joint))
-            text = f"{constant}, and with it friction and rotor inertia,"
+        if is_weak and (K := _scattering_constant(estimate)):
+            text = f"{readable(ParameterName(K, joint))}, and with it friction and rotor inertia,"
         if reasons:
             code = CODES["weak-spring"] if is_weak else CODES["poorly-identified"]
             message = f"{text} is poorly identified: {'; '.join(reasons)}"

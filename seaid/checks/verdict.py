@@ -19,7 +19,6 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Observation, as_note, excluding_torque, guarded, observed
-from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.errors import Certainty, Finding, IdentificationError, SeaidError, Severity, listed
 from seaid.estimation import Estimate, FittedRows, qr_factor
@@ -408,7 +407,7 @@ def _blocks(fit: FittedRows) -> tuple[Array, float]:
     rows = fit.rows
     assert rows is not None
     try:
-        masks = time_blocks(rows)
+        masks = qr_factor.time_blocks(rows)
     except IdentificationError:  # too few rows
         return np.full(len(rows.y), NAN), float("inf")
     factors = [

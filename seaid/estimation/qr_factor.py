@@ -11,8 +11,8 @@ columns (`posterior`, `whitened`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, reduce
 from typing import TYPE_CHECKING
 
@@ -71,8 +71,7 @@ class QRFactor:
         Without `weights` all rows have weight one.
         """
         weights = np.ones(len(self.equations)) if weights is None else weights
-        weighted = weights[:, None, None] * self.factors
-        return _square(weighted.reshape(-1, len(self.names) + 1))
+        return _square((weights[:, None, None] * self.factors).reshape(-1, len(self.names) + 1))
 
     def residual_norms(self, theta: Array) -> Array:
         """Return the norm (E,) of each equation's residual y - H theta."""
@@ -83,15 +82,12 @@ class QRFactor:
         dropped = set(dropped)
         kept = [place for place, name in enumerate(self.names) if name not in dropped]
         columns = [*kept, len(self.names)]
-        return QRFactor(
+        return replace(
+            self,
             names=tuple(self.names[place] for place in kept),
             units=tuple(self.units[place] for place in kept),
-            equations=self.equations,
-            counts=self.counts,
             factors=_stack([triangle(R[:, columns]) for R in self.factors], len(columns)),
             propagated=self.propagated[:, kept],
-            excluded=self.excluded,
-            joint_names=self.joint_names,
         )
 
 
@@ -172,12 +168,9 @@ def _stack(factors: Sequence[Array], width: int, height: int | None = None) -> A
 
 
 def _sum(first: QRFactor, second: QRFactor) -> QRFactor:
-    same = (first.names, first.units, first.propagated.shape[2]) == (
-        second.names,
-        second.units,
-        second.propagated.shape[2],
-    )
-    if not same or first.joint_names != second.joint_names:
+    parts = first, second
+    columns = [(x.names, x.units, x.propagated.shape[2], x.joint_names) for x in parts]
+    if columns[0] != columns[1]:
         raise IdentificationError(
             f"QR factors add only if their columns are the same: one has "
             f"{', '.join(first.names)} ({first.propagated.shape[2]} propagated), the other "
@@ -188,22 +181,20 @@ def _sum(first: QRFactor, second: QRFactor) -> QRFactor:
     for equation in equations:
         blocks = [
             (part.factors[place], part.propagated[place], part.counts[place])
-            for part in (first, second)
+            for part in parts
             for place, number in enumerate(part.equations)
             if number == equation
         ]
         factors.append(triangle(np.concatenate([R for R, _, _ in blocks])))
         propagated.append(sum(moments for _, moments, _ in blocks))
         counts.append(sum(count for _, _, count in blocks))
-    return QRFactor(
-        names=first.names,
-        units=first.units,
+    return replace(
+        first,
         equations=tuple(equations),
         counts=tuple(counts),
         factors=_stack(factors, len(first.names) + 1),
         propagated=np.array(propagated).reshape(len(equations), *first.propagated.shape[1:]),
         excluded=first.excluded + second.excluded,
-        joint_names=first.joint_names,
     )
 
 
@@ -477,6 +468,53 @@ def explained_squares(columns: Array, y: Array) -> float:
         return float(columns[:, 0] @ y / max(norms[0], 1e-300)) ** 2
     span = np.linalg.qr(columns / np.maximum(norms, 1e-300))[0]
     return float(np.sum((span.T @ y) ** 2))
+
+
+def explained_apart(X: Array, prior: Array, parts: Collection[BoolArray]) -> Iterator[float]:
+    """Yield the share of the squared residual that values of its own explain, of each part.
+
+    The last column of X (R, c) is y. The rows of the `prior` of some values (k, c) count for each
+    part in equal shares, and once for all rows together. The parts share no row.
+    """
+    columns = np.concatenate([X, prior])
+    norms = np.linalg.norm(columns, axis=0)
+    Q = np.linalg.qr(columns[:, norms > 0] / norms[norms > 0])[0]  # the last column: the residual
+    rows, shared = Q[: len(X)], Q[len(X) :].T @ Q[len(X) :] / (len(parts) + 1)
+    for part in parts:
+        # With r the residual, B the basis of the columns and B^T B = V diag(l) V^T in the part,
+        # |r|^2 falls by sum (V^T B^T r)^2 (1 / l + 1 / (1 - l)): in the part, and in the others.
+        G = rows[part].T @ rows[part] + shared
+        sizes, V = safely(np.linalg.eigh, G[:-1, :-1], what="rows apart")
+        squares = (V.T @ G[:-1, -1]) ** 2
+        yield float(np.sum(squares / np.maximum(sizes * (1 - sizes), np.finfo(float).eps)))
+
+
+BLOCKS, SEGMENTS = 8, 4
+"""Number of blocks, of which each is predicted from the others, and of its segments in time.
+
+A block of one segment may lack what makes two models differ, such as the large deflections of a
+spring; four spread over the log find a cubic spring twice as often, and no more that is not there
+(scripts/benchmarks/term_selection.py)."""
+
+
+def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> list[BoolArray]:
+    """Return `count` masks of rows, of blocks of segments in turn.
+
+    Each block has every `count`-th of `count * segments` segments in time, which have equal numbers
+    of rows.
+    """
+    # By log, then by time: all joints of an instant are in one segment, but at its ends.
+    order = np.lexsort((rows.time, rows.run))
+    place = np.argsort(order)
+    # Segment s of count * segments is in block s mod count.
+    block = place * count * segments // max(len(order), 1) % count
+    masks = [np.asarray(block == place) for place in range(count)]
+    if len(order) < count * 2 or len(order) * (count - 1) / count <= rows.H.shape[1]:
+        raise IdentificationError(
+            f"{len(order)} rows are too few to exclude one of {count} blocks and estimate "
+            f"{rows.H.shape[1]} parameters from the others: record a longer log"
+        )
+    return masks
 
 
 def posterior(effects: Array, y: Array, widths: Array) -> tuple[Array, Array]:

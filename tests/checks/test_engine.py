@@ -10,7 +10,6 @@ from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.checks.engine import (
-    SEGMENTS,
     Alternative,
     Candidate,
     Equation,
@@ -21,14 +20,13 @@ from seaid.checks.engine import (
     equation_of,
     forward_selection,
     linear_candidate,
-    time_blocks,
 )
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation import fit
 from seaid.estimation.estimate import term_test
 from seaid.estimation.fitting import ESTIMATORS
-from seaid.estimation.qr_factor import qr_factor_of
+from seaid.estimation.qr_factor import SEGMENTS, explained_apart, qr_factor_of, time_blocks
 from seaid.log.filtering import ROWS_PER_PERIOD
 from seaid.regressor import Regression
 from tests.plants import regression
@@ -260,3 +258,37 @@ def test_what_few_blocks_show_needs_a_criterion_beyond_chance(
     alone = np.array([1.0, *7 * [0.0]])
     improvement, std, *_ = _changes(np.ones(8), np.ones(8) - 0.4 * alone)
     assert improvement == pytest.approx(std)
+
+
+def test_logs_of_the_same_set_up_are_left_out_without_their_columns() -> None:
+    """Forty logs have forty times the columns of the fit, which took two gigabytes."""
+    data, logs = rows((1.0, -2.0, 0.5, 0.0), count=4_000), np.repeat(np.arange(40.0), 100)
+    parts = [logs == log for log in range(40)]
+    other = data.y + parts[7] * (data.H @ [0.0, 1.0, 0.0, 0.0])
+    data = replace(data, y=other, run=logs)
+    candidates = [
+        Candidate("", "log", str(log), lambda own=own: [Alternative(data.H, 4, own=own)])  # type: ignore[misc]
+        for log, own in enumerate(parts)
+    ]
+    equation = equation_of(fit(data, ESTIMATORS["wls"]))
+    compared = compared_candidates(equation, candidates, 1, least_bic=0.0)
+    assert [trial.candidate.term for trial in compared] == ["7"]
+    # The columns of the others are as good as without the bound.
+    (expected,) = compare(equation, [Alternative(data.H * parts[7][:, None], 4)], 1)
+    assert compared[0].comparison.bic == pytest.approx(expected.bic)
+
+
+def test_what_values_of_its_own_explain_of_a_part() -> None:
+    """It is that of a fit with the columns of the part next to all, and a bound with a prior."""
+    data, part = rows((1.0, -2.0, 0.5, 0.0)), np.arange(400) < 100
+    data = replace(data, y=data.y + part * data.H[:, 0])
+    directions = np.linalg.qr(np.random.default_rng(1).normal(size=(400, 2)))[0]
+    for sizes in (np.empty(0), np.array([1.0, 8.0])):
+        Q = directions[:, : len(sizes)]
+        equation = Equation(data, np.ones(2), (Q, ((np.eye(len(sizes)), sizes),)))
+        (found,) = compare(equation, [Alternative(data.H, 4, own=part)], 1)
+        X = np.column_stack([data.H, Q * sizes, data.y])
+        prior = np.eye(X.shape[1])[4:-1]
+        (share,) = explained_apart(X, prior, [part])
+        assert share >= found.explained - 1e-12
+        assert share == pytest.approx(found.explained, rel=0.1 if len(sizes) else 1e-9)
