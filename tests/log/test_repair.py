@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -17,6 +19,7 @@ from seaid.log import Repair, Repairs
 from seaid.log.reading import repaired
 from seaid.log.repair import Channel
 from seaid.log.repair.channels import interpolated, on_time
+from seaid.log.repair.clocks import median_slope
 
 RATE = 500.0
 T: Array = np.arange(4000) / RATE
@@ -497,3 +500,30 @@ def test_faults_that_come_together_are_repaired_as_each_alone(seed: int) -> None
     assert off(grid, values_of[POSITION]) < 0.1
     assert np.ptp(values_of[motor] - 8 * angle(grid)) < 1.2 * ENCODER
     assert np.ptp(np.diff(grid)) < 1e-9
+
+
+def test_median_slope_and_its_interval_are_those_of_scipy() -> None:
+    """Its package takes a third of a second to import, and has no more than ten lines of it."""
+    from scipy.stats import theilslopes
+
+    rng = np.random.default_rng(0)
+    for case in range(200):
+        count = int(rng.integers(3, 60))
+        x, y = np.sort(rng.normal(size=count)), rng.normal(size=count)
+        if case % 2:  # with ties
+            x, y = np.round(x, 1), np.round(y, 1)
+        if np.ptp(x) > 0:
+            slope, _, low, high = theilslopes(y, x)
+            assert median_slope(x, y) == (slope, low, high)
+    # No interval of points of which all are equal: the slope has no error.
+    assert median_slope(np.arange(5.0), np.zeros(5)) == (0.0, 0.0, 0.0)
+
+
+def test_reading_a_log_does_not_import_the_statistics_of_scipy() -> None:
+    code = (
+        "import sys, numpy as np; from seaid.log.repair.clocks import clock_line; "
+        "time = np.arange(200) * 1e-2; clock_line(time * 1.001, time); "
+        "print('scipy.stats' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

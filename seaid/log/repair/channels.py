@@ -77,10 +77,8 @@ def on_time(
     kept = (time >= time[0] - early) & (time <= time[-1] - late)
     # A late sample shows the state `delay` before its stamp: that at t has the stamp t + delay.
     return kept, {
-        name: interpolated(
-            time, channels[name], time[kept] + delay, quantity_of(name).interpolation
-        )
-        for name, delay in delays_s.items()
+        x: interpolated(time, channels[x], time[kept] + delay, quantity_of(x).interpolation)
+        for x, delay in delays_s.items()
     }
 
 
@@ -155,12 +153,11 @@ def gap_error(time: Array, values: Array, longest_step_s: float, longest_bridge_
     if not np.any(taken):
         return 0.0
     bridged = interpolated(time[~taken], values[~taken], time[taken], "spline")
-    noise = white_noise(values, robust=True)
     error = float(np.sqrt(np.mean((bridged - values[taken]) ** 2)))
     share = float(np.sum(gaps)) / duration
     # The error exists in the gaps only, a share s of the time: over the whole log its rms is
     # sqrt(s) times that of the gaps.
-    return max(error - _NOISES * noise, 0.0) / spread * math.sqrt(share)
+    return max(error - _NOISES * white_noise(values, robust=True), 0.0) / spread * math.sqrt(share)
 
 
 _FARTHER = 2.0
@@ -211,9 +208,8 @@ def wrap_period(time: Array, values: Array) -> float | None:
     usual = np.maximum(np.abs(before), np.abs(after)) * durations[inner]
     if np.mean(np.abs(steps[inner]) < _FARTHER * usual) > _STRAY:
         return None
-    expected = 0.5 * (before + after) * durations[inner]
     # The jump is the period plus the motion during that step, which the speeds about it give.
-    periods = np.abs(steps[inner] - expected)
+    periods = np.abs(steps[inner] - 0.5 * (before + after) * durations[inner])
     period = float(np.median(periods))
     period = _turn(period, values) or period
     alike = np.abs(periods - period) <= _ALIKE * period + 0.5 * usual
@@ -255,9 +251,7 @@ def _predicted_steps(name: str, time: Array, nearest: Array, period: float) -> A
         rate = steps[place] / durations[place]
     for place in np.flatnonzero(gap[1:]) + 1:
         sides = slice(max(0, place - _MEAN), place), slice(place + 1, place + 1 + _MEAN)
-        speeds = [
-            np.sum(steps[side]) / np.sum(durations[side]) for side in sides if len(steps[side])
-        ]
+        speeds = [np.sum(steps[x]) / np.sum(durations[x]) for x in sides if len(steps[x])]
         # The trapezoidal rule over the gap; the speeds before and after bound what is uncertain.
         expected[place] = np.mean(speeds) * durations[place]
         doubt[place] = 0.5 * np.ptp(speeds) * durations[place]
