@@ -214,3 +214,11 @@ def test_script_runs_in_its_short_form(
     except SystemExit as end:
         code = end.code
     assert not code
+
+
+def test_a_long_row_that_is_refused_prints_why() -> None:
+    from scripts.benchmarks.fast import LongRow, measured_once
+
+    words = ["-c", "import sys; sys.exit('Error: 300 joints are too many\\nand more')"]
+    text = measured_once(LongRow("refused", None, None, lambda _: words))
+    assert text.endswith(": Error: 300 joints are too many")

@@ -63,6 +63,65 @@ class Row:
     prepare: Callable[[], tuple[Work, Work | None]] | None = None
     units: float = 1.0
     needs: str | None = None
+    prints: Callable[[Path], tuple[str, ...]] | None = None
+    """The arguments of a process of Python that prints the times of the work and its peer."""
+
+
+def hebi_project(folder: Path, name: str = "arm") -> tuple[str, ...]:
+    """Return the command that runs the project of a HEBI arm, made by `seaid init`."""
+    robot = str(MODELS / "hebi_arm_2.urdf"), str(MODELS / "logs/hebi_arms/grav_comp_bad.npz")
+    if not (folder / name).exists():
+        command = [sys.executable, "-m", "seaid", "init", *robot, "--folder", name]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
+    return "run", name
+
+
+def two_identifications(_: Path) -> tuple[str, ...]:
+    """Return a process that prints the times of its first and its second identification."""
+    return (
+        "-c",
+        "import time, warnings; warnings.simplefilter('ignore')\n"
+        f"import sys; sys.path.append({str(ROOT)!r})\n"
+        "from scripts.benchmarks.fast import identification, seconds\n"
+        "work, _ = identification()\n"
+        "print(seconds(work), seconds(work))",
+    )
+
+
+def two_projects(folder: Path) -> tuple[str, ...]:
+    """Return a process that prints the times of two projects on two cores and on one."""
+    for name in ("robots/arm0", "robots/arm1"):
+        hebi_project(folder, name)
+    return "-c", f"import sys; sys.path.append({str(ROOT)!r})\n{_BY_CORES}"
+
+
+_BY_CORES = """
+import os, subprocess, time
+from pathlib import Path
+
+from scripts.benchmarks.fast import results
+
+cores, times, files = sorted(os.sched_getaffinity(0))[:2], [], []
+for used in (cores, cores[:1]):
+    os.sched_setaffinity(0, used)
+    begin = time.monotonic()
+    command = [sys.executable, "-m", "seaid", "run", "robots"]
+    subprocess.run(command, check=True, capture_output=True)
+    times.append(time.monotonic() - begin)
+    files.append(results(Path("robots")))
+assert files[0] == files[1] and files[0], "the results of two workers differ from those of one"
+print(*times)
+"""
+
+
+def results(projects: Path) -> dict[str, bytes]:
+    """Return the bytes of the estimates of projects, {project and name: contents}."""
+    return {
+        f"{path.parents[2].name}/{path.name}": path.read_bytes()
+        for pattern in ("parameters.json", "summary.txt", "*.urdf", "*.toml")
+        for path in sorted(projects.glob(f"*/runs/latest/{pattern}"))
+    }
 
 
 def regressor() -> tuple[Work, Work]:
@@ -324,7 +383,7 @@ MOST_GB, MOST_S = 2.0, 600.0
 
 
 def measured_once(row: LongRow) -> str:
-    """Return processor time and peak memory of a command, or why it was stopped."""
+    """Return processor time and peak memory of a command, or why it was stopped or refused."""
     with tempfile.TemporaryDirectory() as folder:
         words = row.command(Path(folder))
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -333,7 +392,7 @@ def measured_once(row: LongRow) -> str:
             cwd=folder,
             env={**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            stderr=(errors := (Path(folder) / "errors").open("w+", encoding="utf-8")),
         )
         begin, peak, end = time.monotonic(), 0.0, ""
         while process.poll() is None:
@@ -344,9 +403,12 @@ def measured_once(row: LongRow) -> str:
                 break
             time.sleep(0.05)
         code = process.wait()
+        with errors:
+            errors.seek(0)
+            refusal = next((x for x in errors if "error" in x.lower()), f"exit code {code}")
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    end = end or (f" exit code {code}" if code else "")
+    end = end or (f": {refusal.strip()}" if code else "")
     return f"{used:7.1f} s of {row.target_s or '-'}, {peak:5.2f} GB of {row.target_GB or '-'}{end}"
 
 
@@ -372,7 +434,13 @@ ROWS = {
     "identify_help": Row("seaid identify --help", 0.15, PROCESS, lambda _: ("identify", "--help")),
     "inspect": Row("seaid inspect, leg", 0.7, PROCESS, lambda _: ("inspect", *LEG)),
     "hebi": Row("seaid identify, HEBI log of 25 s", 2.0, PROCESS, lambda _: ("identify", *HEBI)),
+    "run": Row("seaid run, project of a HEBI arm", 2.0, PROCESS, hebi_project),
     "identify": Row("identify, leg", 0.4, INSIDE, prepare=identification),
+    "first": Row("first identify, leg", 1.2, "over the second", prints=two_identifications),
+    "robots": Row(
+        *("seaid run of two projects, two workers", 0.55, "time on the clock over one worker"),
+        prints=two_projects,
+    ),
     "simulation": Row(
         *("simulation of the leg", 0.08, "within a process, s per s of motion"),
         prepare=simulation,
@@ -386,7 +454,7 @@ ROWS = {
 }
 
 
-SHORT = [name for name in ROWS if name not in {"identify_help", "hebi"}]
+SHORT = [name for name in ROWS if name not in {"identify_help", "hebi", "run", "robots"}]
 """The rows of the short form; the others are made in the same way as one of these."""
 
 
@@ -435,21 +503,29 @@ class Tree:
         row = ROWS[name]
         if row.command is not None:
             return self._process(row.command(folder), folder), 1.0
+        if row.prints is not None:
+            figures = self._output(row.prints(folder), folder).split()
+            return float(figures[0]), float(figures[1])
         assert self._server.stdin is not None
         assert self._server.stdout is not None
         print(name, file=self._server.stdin, flush=True)
         work, peer = self._server.stdout.readline().split()
         return float(work), float(peer)
 
-    def _process(self, arguments: tuple[str, ...], folder: Path) -> float:
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run(
-            [sys.executable, "-m", "seaid", *arguments],
+    def _output(self, arguments: tuple[str, ...], folder: Path) -> str:
+        done = subprocess.run(
+            [sys.executable, *arguments],
             cwd=folder,  # Python imports from there first
             env=self._environment,
             check=True,
             capture_output=True,
+            text=True,
         )
+        return done.stdout
+
+    def _process(self, arguments: tuple[str, ...], folder: Path) -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        self._output(("-m", "seaid", *arguments), folder)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
