@@ -216,6 +216,33 @@ def test_script_runs_in_its_short_form(
     assert not code
 
 
+def test_bench_compares_with_an_earlier_commit_that_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The one of a day ago once needed a package that was no longer installed."""
+    from scripts.benchmarks import speed_held
+
+    monkeypatch.setattr(speed_held, "ROOT", tmp_path)
+    (tmp_path / "seaid").mkdir()
+    (tmp_path / "seaid/__init__.py").touch()
+    speed_held.git("init", "--quiet")
+    hour, now = 3600, 1_700_000_000
+    for age, line in ((48, "import no_such_package"), (10, "print()"), (1, "print(1)"), (0, "")):
+        (tmp_path / "seaid/__main__.py").write_text(line)
+        for name in ("AUTHOR", "COMMITTER"):
+            monkeypatch.setenv(f"GIT_{name}_DATE", f"{now - age * hour} +0000")
+            monkeypatch.setenv(f"GIT_{name}_NAME", "a")
+            monkeypatch.setenv(f"GIT_{name}_EMAIL", "a@b")
+        speed_held.git("add", ".")
+        speed_held.git("commit", "--quiet", "-m", str(age))
+    commit = speed_held.earlier_commit()
+    assert speed_held.git("show", "--no-patch", "--format=%s", commit) == "10"
+    assert "No module named 'no_such_package'" in capsys.readouterr().out
+    monkeypatch.setattr(speed_held, "refusal", lambda _: "no reason")
+    with pytest.raises(SystemExit, match="no earlier commit starts"):
+        speed_held.earlier_commit()
+
+
 def test_a_long_row_that_is_refused_prints_why() -> None:
     from scripts.benchmarks.fast import LongRow, measured_once
 

@@ -4,13 +4,15 @@
     python -m scripts.benchmarks.speed_held --against v0.1 --only identify --only hebi
 
 The earlier commit is the last tag, or without a tag the newest commit that is a day older than this
-one. Runs of both alternate in one process each. A row that takes more than 1.15 times as long is
+one; if that does not start with the packages of this environment, it is the one half as old that
+does. Runs of both alternate in one process each. A row that takes more than 1.15 times as long is
 measured again, up to three times; it fails if it does so twice. The exit code is then 1.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import statistics
 import subprocess
 import sys
@@ -37,12 +39,39 @@ def git(*arguments: str) -> str:
 
 
 def earlier_commit() -> str:
-    """Return the last tag, or without a tag the newest commit that is a day older than this one."""
-    tags = git("tag", "--merged", "HEAD~1", "--sort=-creatordate")
-    if tags:
-        return tags.splitlines()[0]
+    """Return the last tag, or the newest commit that is a day older, if it starts here.
+
+    Otherwise it is the newest one that is half as old, and so on. Exits with what to do if none
+    does.
+    """
+    tags = git("tag", "--merged", "HEAD~1", "--sort=-creatordate").splitlines()
     date = int(git("show", "--no-patch", "--format=%ct", "HEAD"))
-    return git("rev-list", "-1", "--abbrev-commit", f"--before={date - DAY_S}", "HEAD")
+    ages = [DAY_S / 2**k for k in range(12)]
+    dated = ["rev-list", "-1", "--abbrev-commit"]
+    commits = [git(*dated, f"--before={date - age:.0f}", "HEAD~1") for age in ages]
+    for commit in dict.fromkeys(filter(None, [*tags[:1], *commits])):
+        reason = refusal(commit)
+        if not reason:
+            return commit
+        print(f"{commit} is not compared, because it does not start here: {reason}", flush=True)
+    sys.exit(
+        "no earlier commit starts with the packages of this environment: install what it needs, or "
+        "name one that does, as with make bench BENCH='--against COMMIT'"
+    )
+
+
+def refusal(commit: str) -> str:
+    """Return the last line of the error with which the program of a commit ends, "" for none."""
+    with checkout(commit) as place:
+        done = subprocess.run(
+            [sys.executable, "-m", "seaid", "identify", "--help"],
+            cwd=place,
+            env={**os.environ, "PYTHONPATH": str(place)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    return (done.stderr.strip().splitlines() or ["no reason"])[-1] if done.returncode else ""
 
 
 @contextmanager
