@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
-from itertools import chain, product
+from itertools import chain, compress, product
 
 import numpy as np
 
@@ -133,7 +133,9 @@ class DriveRows:
         if not added and not grid:  # no part of this equation
             return
         # A law that replaces the sign of the speed replaces the columns of the fit that have it.
-        places, names = self._places(changed), (*changed, *added)
+        is_changed = map(changed.__contains__, self._parameters.values())
+        places = tuple(compress(self._parameters, is_changed))
+        names = *changed, *added
         # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
         starts = [values | point for point in points]
@@ -143,10 +145,6 @@ class DriveRows:
         for point, H in zip(points, columns, strict=True):
             at = FrozenMapping(point | zero_value)
             yield engine.Alternative(H, len(added) + len(grid), places, at, names)
-
-    def _places(self, names: Sequence[str]) -> tuple[int, ...]:
-        """Return the places of parameters of the drive among those of the rows."""
-        return tuple(place for place, name in self._parameters.items() if name in names)
 
     def _grid(self, names: Sequence[str], grids: Grids) -> Grids:
         """Return the values of nonlinear parameters that are tried."""
@@ -265,8 +263,7 @@ def term_candidates(
     drive: DriveRows, terms: Iterable[tuple[str, str]], grids: Grids = NO_GRIDS
 ) -> list[engine.Candidate]:
     """Return terms (field, term) of a drive as candidates."""
-    proposed = ((x, partial(drive.terms, *x, grids)) for x in terms)
-    return [engine.Candidate(drive.joint, *x, columns) for x, columns in proposed]
+    return [engine.Candidate(drive.joint, *x, partial(drive.terms, *x, grids)) for x in terms]
 
 
 @dataclass(frozen=True)

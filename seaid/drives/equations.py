@@ -331,8 +331,7 @@ _SMOOTH = {
 def smooth_friction(drive: Drive) -> sp.Expr:
     """Return the motor's friction without sign(w), which cannot hold it at rest, and its ripple."""
     terms = [_SMOOTH[term] for term in drive.friction if term in _SMOOTH]
-    friction = sum(terms, sp.Integer(0))
-    friction = friction + periodic(drive, "torque_ripple")
+    friction = sum(terms, sp.Integer(0)) + periodic(drive, "torque_ripple")
     return friction + friction_level(drive) * direction(drive) if is_smooth(drive) else friction
 
 
@@ -347,12 +346,12 @@ def motor_equation(drive: Drive) -> DriveEquation:
         + behind_gear / N
         - _input_torque(drive)
     )
-    return DriveEquation(expression, _known_symbols(drive))
+    return DriveEquation(expression, tuple(known_values(drive)))
 
 
 def spring_equation(drive: Drive) -> DriveEquation:
     """Return (4b) as a balance of spring forces, for a joint whose torque is measured."""
-    return DriveEquation(spring_force(drive) - tau_L / r_L, _known_symbols(drive))
+    return DriveEquation(spring_force(drive) - tau_L / r_L, tuple(known_values(drive)))
 
 
 _PARALLEL = {"linear": k_P * theta_L, "preload": tau_P}
@@ -363,7 +362,7 @@ def joint_equation(drive: Drive) -> DriveEquation:
     """Return the joint terms (parallel spring, joint friction) that act in (8), less `tau_L`."""
     terms = [_PARALLEL[term] for term in drive.parallel_spring]
     terms += [_AT_JOINT[term] for term in drive.joint_friction]
-    return DriveEquation(sum(terms, sp.Integer(0)) - tau_L, _known_symbols(drive))
+    return DriveEquation(sum(terms, sp.Integer(0)) - tau_L, tuple(known_values(drive)))
 
 
 def _input_torque(drive: Drive) -> sp.Expr:
@@ -378,7 +377,3 @@ def _input_torque(drive: Drive) -> sp.Expr:
     inputs = {"torque": tau_M, "current": K_t * i_M, "voltage": K_u * u_M}
     is_command = drive.motor_input not in inputs
     return tau_M - T_C * tau_C.diff(t) if is_command else inputs[drive.motor_input]
-
-
-def _known_symbols(drive: Drive) -> tuple[sp.Symbol, ...]:
-    return tuple(known_values(drive))

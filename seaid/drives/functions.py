@@ -383,7 +383,14 @@ def friction_curve(joint: str, drive: Drive) -> SmoothColumns:
 
     Friction that depends on the position is that at the reference position of the drive.
     """
-    return _curve(joint, drive, *_friction(drive))
+    # A stiff drive with the load torque as that of the spring. Friction under load has tau_G / N:
+    # behind pulleys N r_L / r_M is in place of N.
+    stiff = StiffDrive(friction=drive.at_temperature().friction)
+    turning = dry_friction(stiff) * sp.sign(theta_M.diff(time_symbol))
+    # At the reference position, where what friction gains with the position is zero.
+    friction = (smooth_friction(stiff) + turning).subs(theta_L, q_0)
+    friction = friction.subs(N, sp.Float(total_ratio(drive)))
+    return _curve(joint, drive, friction, ("theta_M_dot", "tau_G"))
 
 
 def joint_curve(joint: str, drive: Drive) -> SmoothColumns:
@@ -408,17 +415,6 @@ def missing_value(joint: str, name: str) -> ExcitationError:
         f"joint '{joint}': its drive has no nominal {name.replace('_', ' ')}",
         advice="this criterion or limit needs one: give it in the drives of load_robot",
     )
-
-
-def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
-    """Return the friction as that of a stiff drive, with the load torque as the spring's torque."""
-    # Friction under load has tau_G / N: behind pulleys N r_L / r_M is in place of N.
-    lever = total_ratio(drive)
-    stiff = StiffDrive(friction=drive.at_temperature().friction)
-    turning = dry_friction(stiff) * sp.sign(theta_M.diff(time_symbol))
-    # At the reference position, where what friction gains with the position is zero.
-    friction = (smooth_friction(stiff) + turning).subs(theta_L, q_0)
-    return friction.subs(N, sp.Float(lever)), ("theta_M_dot", "tau_G")
 
 
 def _curve(

@@ -254,8 +254,7 @@ def _sampled(expression: sp.Expr) -> sp.Expr:
 
 @cache
 def _compiled(zeta: sp.Expr, row: _Row) -> Compiled:
-    expressions = [_sampled(entry) for entry in (zeta, *row)]
-    return compiled(expressions)
+    return compiled([_sampled(entry) for entry in (zeta, *row)])
 
 
 Compiled = tuple[Callable[..., list[Array]], list[str]]
@@ -266,8 +265,7 @@ def compiled(entries: Sequence[sp.Expr]) -> Compiled:
     """Return expressions as a function of their symbols over samples, and the names of these."""
     by_name = {str(symbol): symbol for entry in entries for symbol in entry.free_symbols}
     names = sorted(by_name)
-    arguments = [by_name[name] for name in names]
-    return sp.lambdify(arguments, entries, modules="numpy", cse=True), names
+    return sp.lambdify([by_name[x] for x in names], entries, modules="numpy", cse=True), names
 
 
 def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:

@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -270,19 +271,14 @@ def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Se
 def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[str, float]:
     """Return friction, stiffness and zero of the deflection of a drive with linear terms only."""
     drive = robot.drives[joint]
-    friction = tuple("coulomb" if term in COULOMB else term for term in drive.friction)
+    sharp = ("coulomb" if term in COULOMB else term for term in drive.friction)
+    friction = tuple(term for term in sharp if term not in ("load", *LEVEL_OF))
     known = tuple(name for name in drive.known if name in ("stiffness", "viscous_friction"))
-    plain = replace(
-        drive,
-        friction=tuple(term for term in friction if term not in ("load", *LEVEL_OF)),
-        spring=("linear",),  # type: ignore[arg-type]
-        known=known,
-        nominal={},
-    )
+    linear: Any = ("linear",)
+    plain = replace(drive, friction=friction, spring=linear, known=known, nominal={})
     simple = robot.with_drives({joint: plain})
     rows = regression.stacked([actuator_regression(simple, motion, joint) for motion in motions])
-    estimate = ordinary(rows)
-    values = {**plain.values, **estimate.by_name}
+    values = {**plain.values, **ordinary(rows).by_name}
     stiffness = values.get("stiffness", 0.0)
     if stiffness == 0:
         raise IdentificationError(f"joint '{joint}': no stiffness to start the search")

@@ -143,13 +143,8 @@ def sensitivity_findings(
     if estimator not in ("wls", "ols"):
         return []
     ordinary, cutoff_hz = estimator == "ols", condition.datasets[0].cutoff_hz
-    findings = list(
-        homogeneous(
-            sides.fit,
-            equal_weights(sides.fit.qr_factor) if ordinary else sides.fit.weights,
-            cutoff_hz,
-        )
-    )
+    weights = equal_weights(sides.fit.qr_factor) if ordinary else sides.fit.weights
+    findings = list(homogeneous(sides.fit, weights, cutoff_hz))
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
         findings += _cutoff_findings(condition, sides, ordinary)
     return findings

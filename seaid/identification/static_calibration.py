@@ -144,13 +144,8 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
     friction = estimate.value("friction") if "friction" in estimate.names else np.nan
     count = len(statics.load)
     rms = estimate.residual_std * np.sqrt(1 - len(estimate.names) / count)
-    findings = calibration_findings(
-        float(rms / np.std(statics.load)),
-        float(estimate.values[0]),
-        law,
-        p_value,
-        is_curved=p_value < _SIGNIFICANT,
-    )
+    share, gain, is_curved = rms / np.std(statics.load), estimate.values[0], p_value < _SIGNIFICANT
+    findings = calibration_findings(float(share), float(gain), law, p_value, is_curved=is_curved)
     return StaticCalibration(
         statics=statics,
         law=law,
@@ -414,11 +409,9 @@ def held_poses(
     turned = at_drives(robot.transmission, *robot.drive_states(position))[:, robot.index(joint)]
     values = _sensed(drive, log, log.joint_names.index(joint), sensor, turned)
     if np.isnan(values[0]) or np.any(np.isnan(position[0])):
-        wanted = "a sensor"
-        if sensor == "spring":
-            wanted = "a spring with both encoders, or its deflection"
+        wanted = {"spring": "a spring with both encoders, or its deflection", "torque": "a sensor"}
         raise IdentificationError(
-            f"joint '{joint}' needs {wanted}, and all joints their positions in the log"
+            f"joint '{joint}' needs {wanted[sensor]}, and all joints their positions in the log"
         )
     spans = _rests(log.time, position)
     if len(spans) < _FEWEST:
@@ -432,8 +425,7 @@ def held_poses(
     behind = robot.drive_states(poses, nothing, nothing)
     torques = joint_torques(robot, *behind)
     if sensor == "torque":
-        rates = robot.angle_ratios.rates(poses)
-        load = (rates * torques)[:, robot.index(joint)]
+        load = (robot.angle_ratios.rates(poses) * torques)[:, robot.index(joint)]
         return Statics(load, reading, drive.joint_units[0], drive.joint_units[0])
     # The spring of a drive that moves several joints has the torque on phi = C q.
     load = torques_at_drives(robot.transmission, torques)[:, robot.index(joint)]

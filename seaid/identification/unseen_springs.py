@@ -200,8 +200,8 @@ def _unseen_loads(robot: Robot, motion: Motion, joints: Sequence[str]) -> Unseen
         without_spring = [name not in _OF_SPRING for name in regressor.names]
         # N r_L / r_M times (7) without its spring: the torque on the load by the motor, from which
         # friction, with unknown parameters, is still to be subtracted.
-        part = total_ratio(robot.drives[joint]) * np.column_stack([zeta, R[:, without_spring]])
-        parts.append(part)
+        of_motor = np.column_stack([zeta, R[:, without_spring]])
+        parts.append(total_ratio(robot.drives[joint]) * of_motor)
     # (T, 1, f) times (joints, 1): the friction of each joint is in its own row.
     pairs = zip(parts, np.eye(len(joints)), strict=True)
     torque = np.stack([part[:, :1] for part in parts], axis=1)

@@ -58,14 +58,8 @@ def compared(identification: Identification, *given: Motion) -> Validation:
     for motion, (measured, computed, _) in zip(motions, sides, strict=True):
         still = [unknown_friction(robot, motion, joint) for joint in robot.joint_names]
         load.append(_traces(motion, measured, computed, np.column_stack(still)))
-    comparison = Validation(
-        joints=robot.joint_names,
-        time=np.concatenate([motion.time for motion in motions]),
-        cutoff_hz=motions[0].cutoff_hz,
-        actuator=fit_of(actuator),
-        load=fit_of(load),
-        motions=given,
-    )
+    time, fits = np.concatenate([x.time for x in motions]), (fit_of(actuator), fit_of(load))
+    comparison = Validation(robot.joint_names, time, motions[0].cutoff_hz, *fits, given)
     return extension_of(known).compared(comparison, [side[2] for side in sides])
 
 
