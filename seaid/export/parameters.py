@@ -53,7 +53,10 @@ def content_of(result: Identification, validation: Validation | None = None) -> 
         "grouping": result.base.grouping,
         "validation": {} if validation is None else validation.to_dict(),
         "torques_used": result.model.torque_joints,
-        "method": {"name": result.method, "not_shared": result.not_shared},
+        "method": {
+            **{"name": result.method, "estimator": result.estimator},
+            "not_shared": result.not_shared,
+        },
         "shared": [_shared(parameter) for parameter in result.shared],
         "cutoff_hz": result.cutoff_hz,
         "verdict": verdict_with(result, () if validation is None else [validation]),

@@ -217,6 +217,7 @@ def _with_fit_quality(
         exact_constants=exact,
         known_std=FrozenMapping(dict(problem.options.known_std)),
         setup=setup,
+        estimator=problem.options.estimator,
     )
 
 

@@ -98,7 +98,8 @@ def identify(
         Of what was given as known: "torque" (one scale error common to all torques), "payload"
         (mass), "bodies" (each known body, by a scale of its own), "motor_inertia_kg_m2",
         "gear_ratio", "motor_pulley_radius_m", "load_pulley_radius_m"; propagated to all estimates.
-        A drive's own `std` takes precedence.
+        A drive's own `std` takes precedence. Each is above 0 and at most 1, and of something that
+        the robot has: a constant without one is exact.
     share : mapping {group: joints}
         Drives of one type, whose friction, spring, rotor inertia and constants are the same ones,
         besides those that the drives file names (`shared`); `Identification.shared` tests it.
@@ -187,6 +188,8 @@ def _identify_from_motors(
                 "band (seaid excite --basis multisine), log the joint position, or leave the "
                 'springs out (type = "stiff")'
             ) from None
+    reason = f"no sensor is behind the springs of {', '.join(joints)}, whose motors are simulated"
+    result = replace(result, not_shared=reason if options.method == "auto" else "")
     return consistent_bodies(result) if options.feasible else result
 
 

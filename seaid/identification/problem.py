@@ -251,8 +251,9 @@ class Problem:
             return self.offsets.included({name: both})[name]
 
         if options.estimator == "iv":
-            instrumental = estimate_instrumental(case, start)
-            return self.offsets.included({name: instrumental})
+            instrumental = self.offsets.included({name: estimate_instrumental(case, start)})[name]
+            reason = "instruments are of the equations in turn" if options.method == "auto" else ""
+            return {name: replace(instrumental, not_shared=reason)}
         if options.method == "simultaneous":
             return {name: at_once()}
         if options.method == "two-step":

@@ -327,6 +327,7 @@ def identification_at(layout: Layout, x: Array, step: Step) -> Identification:
         load_side=load_side,
         robot=layout.robot_at(x).with_drives(estimated),
         findings=revalued(start.findings, drives),
+        estimator="output-error",
     )
 
 

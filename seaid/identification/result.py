@@ -18,6 +18,7 @@ from seaid.checks.verdict import verdict_of
 from seaid.errors import Finding, by_severity
 from seaid.estimation import Estimate, FittedRows, SharedParameter
 from seaid.estimation.estimate import ModelChecks
+from seaid.estimation.fitting import EstimatorName
 from seaid.identification.consistency import FeasibleParameters
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import with_values
@@ -188,8 +189,10 @@ class Identification(Result):
     nominal : Robot or None
         `known` without the values of the search: the nominal ones of the input robot only.
     not_shared : str
-        Why the data do not support an estimate of both sides at once; "" where they do, or where
-        the method was chosen.
+        Why both sides were not estimated at once; "" where they were, or where the method was
+        chosen.
+    estimator : str
+        The `estimator=` of `identify`, or "output-error" after a refinement by simulation.
     shared : tuple of SharedParameter
         The parameters that the drives of a group share, with tests of whether they differ.
     """
@@ -219,6 +222,7 @@ class Identification(Result):
     setup: Mapping[str, JointCheck] = field(default_factory=dict)
     nominal: Robot | None = None
     not_shared: str = ""
+    estimator: EstimatorName | Literal["output-error"] = "wls"
     shared: tuple[SharedParameter, ...] = ()
 
     def _in_short(self) -> str:

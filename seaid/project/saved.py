@@ -35,10 +35,10 @@ from seaid.simulation import ReplayComparison
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
 
-_FORMAT = "seaid run 5"
+_FORMAT = "seaid run 6"
 """The format of this version, the only one that loads. It rises when a file of before would load
 wrongly or not at all: 1 had no checksum, 2 had findings in estimates, 3 is from before robots with
-a floating base had a type of their own, and 4 had the parts of a run one by one."""
+a floating base had a type of their own, 4 had the parts of a run one by one, and 5 no estimator."""
 
 _RATE_PER_CUTOFF = 25.0
 """Least sampling rate of a saved motion over its cutoff; positions have five times the cutoff."""

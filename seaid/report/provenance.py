@@ -147,13 +147,12 @@ def settings_facts(result: Identification) -> list[tuple[str, str]]:
     facts = [
         ("Torques used on the load side", _listed(result.model.torque_joints, robot)),
         ("Cutoff", f"{result.cutoff_hz:.4g} Hz"),
+        ("Method", method_text(result)),
         ("Known loads", "; ".join(_payloads(robot)) or "none"),
         ("Known bodies", ", ".join(robot.known_bodies) or "none"),
         ("Gravity", " ".join(f"{g:.5g}" for g in robot.model.gravity.linear) + " m/s²"),
     ]
     facts += [("Constants", text) for text in exact_text(result)]
-    if robot.elastic_joints:
-        facts.insert(2, ("Method", method_text(result)))
     if result.model.absorbed:
         names = [readable(ParameterName(name, joint)) for joint, name, _ in result.model.absorbed]
         facts.append(("Identified in combination with base parameters", ", ".join(names)))

@@ -189,7 +189,7 @@ def _details(identification: Identification, *drives: str) -> list[str]:
     return [
         _sources_text(identification),
         *_processing_text(identification),
-        *([f"method: {method_text(identification)}"] if identification.springs else []),
+        f"method: {method_text(identification)}",
         *(f"constants: {text}" for text in exact_text(identification)),
         *drives,
         *_tables_if_any(tables.shared_table(identification)),
@@ -291,11 +291,22 @@ _METHODS = {
     "two-step": "two-step: the springs, then the load",
 }
 
+_ESTIMATORS = {
+    "ols": "ordinary least squares (ols)",
+    "wls": "least squares weighted per joint (wls)",
+    "huber": "Huber's M-estimate (huber)",
+    "tukey": "Tukey's M-estimate (tukey)",
+    "iv": "instrumental variables (iv)",
+    "output-error": "the least output error of a simulation, from that of identify",
+}
+
 
 def method_text(identification: Identification) -> str:
-    """Return the method of an identification, with the reason for two steps if there is one."""
-    reason = identification.not_shared
-    return _METHODS[identification.method] + (f", since {reason}" if reason else "")
+    """Return the method of an identification with its estimator, and the reason for two steps."""
+    reason, by = identification.not_shared, f"by {_ESTIMATORS[identification.estimator]}"
+    if not identification.springs:
+        return by
+    return f"{_METHODS[identification.method]}, {by}" + (f", since {reason}" if reason else "")
 
 
 def exact_text(identification: Identification) -> list[str]:

@@ -11,13 +11,16 @@ import pytest
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation import Estimate, estimator_named
+from seaid.estimation.fitting import EstimatorName
 from seaid.estimation.least_squares import ordinary
+from seaid.export import content_of
 from seaid.identification import identify
 from seaid.identification.simultaneous import estimation, settled, simultaneous_regression, whitened
 from seaid.legged import load_robot
 from seaid.log import Motion, reconstruct_motion
 from seaid.regressor import Regression, base_parameters, load_regression
 from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
+from seaid.report.provenance import settings_facts
 from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
@@ -277,3 +280,26 @@ def test_an_incomplete_model_is_identified_in_turn(
     assert by_data.method == "two-step"
     assert reason in by_data.not_shared
     assert by_data.not_shared in by_data.summary()
+
+
+@pytest.mark.usefixtures("estimates_only")
+@pytest.mark.parametrize(
+    ("estimator", "method", "words"),
+    [
+        ("wls", "simultaneous", "by least squares weighted per joint (wls)"),
+        (
+            "iv",
+            "two-step",
+            "by instrumental variables (iv), since instruments are of the equations",
+        ),
+        ("huber", "simultaneous", "by Huber's M-estimate (huber)"),
+    ],
+)
+def test_method_estimator_and_reason_are_in_summary_file_and_page(
+    estimator: EstimatorName, method: str, words: str
+) -> None:
+    found = identify(leg(TEST_MASS).without_nominal(), leg_log(), estimator=estimator)
+    assert words in found.summary()
+    of_file = content_of(found)["method"]
+    assert of_file == {"name": method, "estimator": estimator, "not_shared": found.not_shared}
+    assert words in dict(settings_facts(found))["Method"]

@@ -73,6 +73,12 @@ def found(robot: Robot) -> Identification:
     return identify(robot, log_of(ANYDRIVE))
 
 
+def test_the_reason_for_two_steps_is_stated(found: Identification) -> None:
+    summary = found.summary()
+    assert "two-step: the springs, then the load, by the least output error" in summary
+    assert "since no sensor is behind the springs of arm, whose motors are simulated" in summary
+
+
 @pytest.mark.slow  # a motor side
 @pytest.mark.parametrize("joint", [ANYDRIVE, HEAVIER])
 def test_an_unknown_rotor_inertia_is_within_its_interval(joint: Joint, robot: Robot) -> None:
