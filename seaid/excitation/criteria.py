@@ -182,6 +182,8 @@ def pivoted_base(
     """
     stances = ((),) if stance is None else (tuple(stance),)
     leftmost = base_parameters(robot, torque_joints=torque_joints, stances=stances)
+    if not len(leftmost.columns):
+        raise ExcitationError("nothing to excite: all bodies are known", "known_bodies=")
     known = [robot.index(joint) for joint in robot.selected(torque_joints)]
     draws = [_random_rows(robot, known, draw, stances) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
@@ -196,8 +198,7 @@ def _random_rows(
     robot: Robot, known: list[int], seed: int, stances: Sequence[Sequence[str]]
 ) -> Array:
     ((_, whole, reduced),) = body_equations(robot).random_rows(known, stances, (), seed)
-    Y = reduced(whole)
-    return np.where(robot.is_known, 0.0, Y).reshape(-1, robot.parameters.size)
+    return np.where(robot.is_known, 0.0, reduced(whole)).reshape(-1, robot.parameters.size)
 
 
 def _best_pivots(draws: list[Array], rank: int) -> list[int]:

@@ -426,6 +426,9 @@ def _excitation(
     inverse, value = np.full_like(R, np.inf), np.inf
     if has_full_rank(R):
         inverse, value = _safely(np.linalg.inv, R), problem.measure.log_value(R)
+    measures = _measures_of(H, basis.duration, False)
+    if plan is None:
+        measures = _measures(robot, trajectory, known, base, bounds.velocity)
     return Excitation(
         trajectory=trajectory,
         condition_number=float(_safely(np.linalg.cond, H)),
@@ -439,11 +442,7 @@ def _excitation(
         standard_errors=np.linalg.norm(inverse, axis=1) * problem.target.column_scale,
         singular_values=singular_values(R),
         start_singular_values=singular_values(R_start),
-        measures=(
-            _measures(robot, trajectory, known, base, bounds.velocity)
-            if plan is None
-            else _measures_of(H, basis.duration, False)
-        ),
+        measures=measures,
         stance=plan,
     )
 

@@ -171,3 +171,9 @@ def test_rounding_does_not_choose_the_columns(name: str, monkeypatch: pytest.Mon
     expected = criteria.pivoted_base(robot).columns
     monkeypatch.setattr(criteria, "_random_rows", rounded_otherwise)
     assert criteria.pivoted_base(robot).columns == expected
+
+
+def test_known_bodies_leave_nothing_to_excite() -> None:
+    robot = leg()
+    with pytest.raises(ExcitationError, match="nothing to excite: all bodies are known"):
+        seaid.design_excitation(replace(robot, known_bodies=robot.body_names), 5.0)
