@@ -400,7 +400,7 @@ def main() -> None:
     )
     print(f"{len(dialect())} lines have one of {len(INSTEAD)} patterns of replaced words")
     if not is_quick():
-        entered, changes = hops()
+        entered, changes, _ = hops()
         print(
             f"identify on the TULip leg enters {len(entered)} files, {changes:,} changes of file"
             " (25 Nov: 51, 16,048; to reach: 28, 3,000)"
