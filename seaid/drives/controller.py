@@ -25,11 +25,15 @@ _LEAST = {
 
 
 def signed_number(name: str, value: Any, least: str, most: float = np.finfo(float).max) -> float:
-    """Return a number that is "zero or more", "more than zero" or "a number", up to `most`."""
+    """Return a number that is "zero or more", "more than zero" or "a number", up to `most`.
+
+    An infinite `most` allows infinity, and the largest number what is finite.
+    """
     size = number(name, value, RobotError)
     allowed = {"zero or more": size >= 0, "more than zero": size > 0}.get(least, True)
     if not (allowed and abs(size) <= most):
-        finite = "" if math.isinf(most) else " and finite"
+        limits = {math.inf: "", np.finfo(float).max: " and finite"}
+        finite = limits.get(most, f" and at most {most:g}")
         raise RobotError(f"{name} must be {least}{finite}, found {shown(value)}")
     return size
 

@@ -138,6 +138,17 @@ def _numbers(field: str, table: Any) -> FrozenMapping[float]:
     return FrozenMapping(table)
 
 
+def _factors(field: str, table: Any) -> FrozenMapping[float]:
+    """Return the factors of a transmission. Raises RobotError for a ratio in their place."""
+    if isinstance(table, Mapping) and isinstance(table.get("ratio"), str):
+        raise RobotError(
+            f"{field} has a factor for each joint, {{ hip = 1.0, knee = 1.0 }}, found "
+            f"{shown(table)}; a ratio that depends on the angle of the joint is angle_ratio = "
+            "{ cos = [c_1], sin = [s_1] }, or a table { angle_rad = [...], ratio = [...] }"
+        )
+    return _numbers(field, table)
+
+
 def _record(kind: type[Controller] | type[AngleRatio], field: str, value: Any) -> Any:
     """Return the record of a table. Raises RobotError for what is none."""
     if isinstance(value, kind):
@@ -165,7 +176,8 @@ def _group(field: str, value: Any) -> str:
 _READERS: Mapping[str, Callable[[str, Any], Any]] = {
     **dict.fromkeys(PARAMETERS_OF, _names),
     **dict.fromkeys(("known", "extra_terms"), _names),
-    **dict.fromkeys(("nominal", "transmission", "std"), _numbers),
+    **dict.fromkeys(("nominal", "std"), _numbers),
+    "transmission": _factors,
     **dict.fromkeys(FIELDS, harmonics_of),
     "motor_input": _motor_input,
     "controller": partial(_record, Controller),
@@ -285,7 +297,10 @@ def _check_std(drive: Drive) -> None:
         constants.append("command_delay_s")  # of an unknown delay, about zero
     for name, value in drive.std.items():
         check_name("constant", name, (STD_OF_TORQUE, *constants), RobotError)
-        _number(f"standard deviation of '{name}'", value, "more than zero")
+        # A delay may be zero; of any other constant nothing would be known beyond its value.
+        size = abs(getattr(drive, name, None) or 0.0)
+        most = {STD_OF_TORQUE: 1.0, "command_delay_s": _SIZES[1]}.get(name, size)
+        signed_number(f"standard deviation of '{name}'", value, "more than zero", most)
 
 
 def _term_with(name: str) -> str:
@@ -392,14 +407,16 @@ class _Parameters(Display):
         return replace(bare, nominal=nominal, known=tuple(x for x in self.known if x in names))
 
     @property
-    def is_nonlinear_spring(self) -> bool:
+    def is_nonlinear_spring(self: Any) -> bool:
         """True if the spring force is nonlinear, so that the zero of the deflection matters."""
-        return False
+        return any(term in NONLINEAR_SPRING for term in self.spring)
 
     @property
-    def gear_compliance(self) -> float:
+    def gear_compliance(self: Any) -> float:
         """Deflection between the encoders by the gear, per force of the spring; 0 if rigid."""
-        return 0.0
+        stiffness = self.gear_stiffness_Nm_per_rad
+        # Under the force F the gear winds up by r_M F / k_G, which is r_M times that as deflection.
+        return 0.0 if stiffness is None else self.motor_radius**2 / stiffness
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -556,6 +573,7 @@ class StiffDrive(_Parameters):
     spring: ClassVar[tuple[str, ...]] = ()
     transmission_error: ClassVar[tuple[Harmonic, ...]] = ()
     joint_friction: ClassVar[tuple[str, ...]] = ()
+    gear_stiffness_Nm_per_rad: ClassVar[float | None] = None
     motor_radius: ClassVar[float] = 1.0
     load_radius: ClassVar[float] = 1.0
 
@@ -630,11 +648,6 @@ class SeriesElasticDrive(_Parameters):
         return self.motor_pulley_radius_m is not None
 
     @property
-    def is_nonlinear_spring(self) -> bool:
-        """True if one of the spring's terms is."""
-        return any(term in NONLINEAR_SPRING for term in self.spring)
-
-    @property
     def ratio(self) -> float:
         """Gear ratio N, motor turns per turn behind the gear."""
         return self.gear_ratio
@@ -648,13 +661,6 @@ class SeriesElasticDrive(_Parameters):
     def load_radius(self) -> float:
         """r_L of (8) [m]; 1 for a rotary spring and for a prismatic joint."""
         return self.load_pulley_radius_m or 1.0
-
-    @property
-    def gear_compliance(self) -> float:
-        """Deflection between the encoders by the gear, per force of the spring; 0 if rigid."""
-        stiffness = self.gear_stiffness_Nm_per_rad
-        # Under the force F the gear winds up by r_M F / k_G, which is r_M times that as deflection.
-        return 0.0 if stiffness is None else self.motor_radius**2 / stiffness
 
     @property
     def spring_units(self) -> tuple[str, str]:
@@ -754,6 +760,7 @@ def _kind(drive: Drive) -> dict[str, Any]:
         "unit of the spring": drive.spring_units[0] if drive.is_elastic else "",
         "motor_input": drive.motor_input,
         "known parameters": known | {"motor_inertia": drive.motor_inertia_kg_m2},
+        "motor_inertia_kg_m2_std": drive.std.get("motor_inertia_kg_m2", 0.0),
         "unknown parameters": names,
         "searched parameters": [name for name in names if PARAMETERS[name].starts],
     }

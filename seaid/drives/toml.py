@@ -21,7 +21,7 @@ from seaid.drives.drives import (
     term_fields,
     unit_of,
 )
-from seaid.drives.terms import FIELDS, PARAMETERS, PARAMETERS_OF, harmonics_table, key_of
+from seaid.drives.terms import FIELDS, PARAMETERS_OF, harmonics_table, key_of
 from seaid.errors import RobotError, check_name, checked, listed, shortened, shown
 
 _TYPES: dict[str, type[StiffDrive] | type[SeriesElasticDrive]] = {
@@ -108,11 +108,10 @@ def _pop_fields(keys: list[str], table: dict[str, Any]) -> dict[str, Any]:
     return {key: table.pop(key) for key in keys if key in table}
 
 
-def _possible_parameters(kind: type[Drive]) -> list[str]:
+def _possible_parameters(kind: type[Drive]) -> set[str]:
     """Return the parameters that a kind of drive can have with its terms."""
     terms = [names for field in term_fields(kind) for names in PARAMETERS_OF[field].values()]
-    possible = {*sum(terms, ()), *(_OF_SPRING if kind.is_elastic else ())}
-    return [name for name in PARAMETERS if name in possible]
+    return {*sum(terms, ()), *(_OF_SPRING if kind.is_elastic else ())}
 
 
 @checked(RobotError)

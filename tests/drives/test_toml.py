@@ -132,6 +132,8 @@ GAIN = "position_gain_Nm_per_rad = 1.0"
 FED = f"{{ {GAIN}, command_velocity_gain_Nms_per_rad = 1.0 }}"
 REFUSED: list[tuple[str, str, str]] = [
     (STIFF, "std = { viscous_friction = 0.1 }", "no constant is named 'viscous_friction'"),
+    (STIFF, "gear_ratio_std = 6e6", "'gear_ratio' must be more than zero and at most 100"),
+    (STIFF, "torque_scale_std = 1.5", "'torque_scale' must be more than zero and at most 1"),
     (STIFF, "gear_ratio_std = 0.0", "standard deviation of 'gear_ratio' must be more than zero"),
     (STIFF, "gear_ratio_std = -1.0", "standard deviation of 'gear_ratio' must be more than zero"),
     (ELASTIC, "gear_stiffness_Nm_per_rad = 0.0", "gear_stiffness_Nm_per_rad must be"),
@@ -187,6 +189,11 @@ REFUSED: list[tuple[str, str, str]] = [
     (STIFF, f"extra_terms = {[f'c{i}' for i in range(21)]}", "21 terms, allowed are 20"),
     (STIFF, "transmission = {knee = 1e-20}", "'knee' must be from 1e-09 to 1e+09 in size"),
     (STIFF, 'transmission = {knee = "one"}', "transmission 'knee' must be a number, found 'one'"),
+    (
+        STIFF,
+        'transmission = { joint = "knee", ratio = "r0 + r1*cos(q)" }',
+        "a ratio that depends on the angle of the joint is angle_ratio = { cos = [c_1], sin = ",
+    ),
     (STIFF, "motor_input = ['torque']", "no motor input is named"),
     (STIFF, "motor_input = 'volts'", "no motor input is named 'volts'; did you mean 'voltage'?"),
     (ELASTIC, 'spring = ["linear", "quintic"]', "no spring term is named 'quintic'"),
