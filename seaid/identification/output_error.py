@@ -580,9 +580,9 @@ def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
         of_terms = [*_of_terms(drive), *_of_unseen(robot, joint, drive, unseen)]
         reasons = [*_refusals(robot, joint, drive), *of_terms]
         if reasons:
+            instead = "log the joint position" if unseen else "use the result of identify"
             raise IdentificationError(
-                f"the refinement cannot simulate the drive of {joint}, {reasons[0]}; use the "
-                "result of identify"
+                f"the refinement cannot simulate the drive of {joint}, {reasons[0]}; {instead}"
             )
 
 

@@ -148,6 +148,7 @@ def test_a_right_motor_side_has_a_note_with_a_bound_and_changes_no_more(
 
 UNUSED: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "parallel spring or joint friction": ({"joint_friction": ("viscous",)}, {}),
+    "or angle_ratio, and no sensor behind; log the": ({"angle_ratio": {"cos": [0.2]}}, {}),
     # they once gave the result of two steps and of "wls" without a word
     'remove method="simultaneous"': ({}, {"method": "simultaneous"}),
     'remove estimator="iv"': ({}, {"estimator": "iv"}),
