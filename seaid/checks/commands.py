@@ -22,7 +22,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.experiment import Experiment, Transform, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
-from seaid.drives.drives import NORMAL_95
+from seaid.drives.drives import NORMAL_95, stated_delay_s
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
 from seaid.estimation.parameters import buses_of, is_stated
@@ -479,16 +479,21 @@ _OTHER_GAINS = (
 )
 
 
-def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Finding]:
-    """Yield, after a fit, sums that the log determines in place of delays, and unusual delays."""
+def delay_estimate_findings(robot: Robot, stated: Robot, load_side: Estimate) -> Iterator[Finding]:
+    """Yield, after a fit, sums that the log determines in place of delays, and unusual delays.
+
+    The robot has the delays at which the fit is linear, `stated` those that were given.
+    """
     sums, evidence, stated_s = list[str](), dict[str, float](), 0.0
     for bus in buses_of(robot.drives, load_side.names):
         joints, place = [load_side.names[x].owner for x in bus.places], bus.places[0]
         delay, std = float(load_side.values[place]), float(load_side.standard_errors[place])
-        known = robot.drives[joints[0]].known
-        is_sure = abs(delay) > tol.SIGNIFICANT * std and DELAY_PARAMETER not in known
-        if is_sure and not -tol.LEAST_DELAY_S < delay < tol.LATE_S:
-            yield _unusual_delay(delay, joints)
+        drive, error = stated.drives[joints[0]], tol.SIGNIFICANT * std
+        given_s, range_s = drive.command_delay_s or 0.0, stated_delay_s(drive)
+        is_other = "command_delay_s" in drive.std and abs(delay - given_s) > range_s + error
+        text = f"command_delay_s states {1e3 * given_s:.4g} +- {1e3 * range_s:.2g} ms" * is_other
+        if is_other or (abs(delay) > error and not -tol.LEAST_DELAY_S < delay < tol.LATE_S):
+            yield _unusual_delay(delay, joints, text)
         for joint in joints if is_stated(std, bus.std_s) else ():
             if ParameterName("motor_inertia", joint) in load_side.names:
                 scale = robot.drives[joint].ratio ** 2
@@ -521,18 +526,21 @@ def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, floa
     return slope, inertia + slope * delay, math.sqrt(max(variance - slope**2 * of_delay, 0.0))
 
 
-def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
-    """Return the finding on commands that act before their time, or later than on any bus."""
+def _unusual_delay(delay: float, joints: Sequence[str], stated: str = "") -> Finding:
+    """Return the finding on commands that act before their time, later than on any bus, or stated.
+
+    `stated` is what the log contradicts.
+    """
     when, cause = "before", "they are logged late, or K_d is on the error (command_velocity_gain)"
     if delay > 0:
         when, cause = "after", "no bus is so slow: clocks differ, or the drive filters its commands"
     return codes.CODES["delay"].finding(
         f"the commands of {listed(joints)} act {1e3 * abs(delay):.3g} ms {when} their time in the "
-        f"log: {cause}",
+        f"log: {stated or cause}",
         codes.only_joint(joints),
-        "doubtful" if delay > 0 else "note",
+        "doubtful" if delay > 0 or stated else "note",
         {"delay [s]": delay},
-        "log the commands and the positions with one clock",
+        "correct the drives" if stated else "log the commands and the positions with one clock",
     )
 
 

@@ -23,7 +23,7 @@ from seaid.drives import Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95, SHARED, STATED_DELAY_S, check_groups
 from seaid.drives.terms import places_of
-from seaid.errors import IdentificationError, RobotError, unknown_name
+from seaid.errors import IdentificationError, RobotError, shown, unknown_name
 from seaid.estimation.estimate import Estimate, SharedParameter, TermTest
 
 if TYPE_CHECKING:
@@ -157,16 +157,30 @@ def buses_of(
 
     `joint` owns names without one. A condition has delays of its own if they are specific to it.
     """
-    places: dict[tuple[float, str | None], list[int]] = {}
-    stds: dict[tuple[float, str | None], float] = {}
+    places: dict[tuple[float, float, str | None], list[int]] = {}
     for place, name in enumerate(names):
-        if name.quantity != DELAY_PARAMETER:
+        if name.quantity == DELAY_PARAMETER:
+            drive = drives[name.owner or joint]
+            key = (drive.command_delay_s or 0.0, delay_std_s(drive), name.condition)
+            places.setdefault(key, []).append(place)
+    return [Bus(tuple(columns), near_s, std_s) for (near_s, std_s, _), columns in places.items()]
+
+
+def check_buses(drives: Mapping[str, Drive]) -> None:
+    """Raise RobotError for drives of one bus that state different deviations of its delay."""
+    buses = dict[float, tuple[str, float]]()
+    for joint, drive in drives.items():
+        if drive.controller is None or DELAY_PARAMETER in drive.known:
             continue
-        drive = drives[name.owner or joint]
-        key = (drive.command_delay_s or 0.0, name.condition)
-        places.setdefault(key, []).append(place)
-        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
-    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
+        std_s = delay_std_s(drive)
+        first, of_first_s = buses.setdefault(drive.command_delay_s or 0.0, (joint, std_s))
+        if std_s != of_first_s:
+            raise RobotError(
+                f"[{first}] and [{joint}] have one command_delay_s, as drives of one bus do, with "
+                f"the standard deviations {of_first_s:.3g} and {std_s:.3g} s "
+                f"({STATED_DELAY_S / NORMAL_95:.3g} s if none is stated): give both the same "
+                "command_delay_s_std, or on different buses different command_delay_s"
+            )
 
 
 def with_groups(
@@ -174,16 +188,18 @@ def with_groups(
 ) -> dict[str, Drive]:
     """Return drives with the groups {group: joints} of `share=`. Raises RobotError."""
     group_of: dict[str, str] = {}
+    for group, joints in share.items():
+        if len(set(joints)) < max(len(joints), 1):
+            names = f"the group '{group}' has the joints {shown([*joints])}"
+            raise RobotError(f"share=: {names}: name two or more, each once", "share=")
     for group, joint in ((group, joint) for group, joints in share.items() for joint in joints):
         if joint not in drives:
             raise RobotError("share=: " + unknown_name("joint", joint, drives), "share=")
         if not group:
             raise RobotError(f"share=: the group of {joint} has no name: give it one", "share=")
         if joint in group_of:
-            raise RobotError(
-                f"share=: {joint} is in '{group_of[joint]}' and in '{group}': name it in one group",
-                "share=",
-            )
+            text = f"{joint} is in '{group_of[joint]}' and in '{group}': name it in one group"
+            raise RobotError(f"share=: {text}", "share=")
         group_of[joint] = group
     changed = {x: replace(y, shared=group_of.get(x, y.shared)) for x, y in drives.items()}
     check_groups(changed, "share=")

@@ -164,7 +164,7 @@ def _quick_fit_findings(
         condition = Condition(robot, datasets, used)
         fit = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
         sides = checked_sides(condition, fit, logs)
-        delays = delay_estimate_findings(robot, fit.load_side)
+        delays = delay_estimate_findings(robot, robot, fit.load_side)
         shown = model_findings(selections(sides), known)
         return [*(x for x in shown if x.severity != "note" and x.code in _OF_LOGS), *delays]
     return []

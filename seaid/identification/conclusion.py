@@ -35,6 +35,7 @@ from seaid.checks.values import (
 )
 from seaid.checks.verdict import RobotFit, fit_findings, robot_fit
 from seaid.drives import ParameterName
+from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.terms import places_of
 from seaid.errors import Finding
 from seaid.estimation import Estimate, estimator_named
@@ -81,7 +82,9 @@ def conclude(problem: Problem, name: str) -> Identification:
             findings += sensitivity_findings(case, two_step, options.estimator)
     result = _identification(problem, name)
     with guarded(CODES["drives-differ"], values):
-        values += shared_findings(final.shared)
+        # Errors of the model differ at the drives of a bus, and with them delays.
+        of_type = (x for x in final.shared if x.name.quantity != DELAY_PARAMETER)
+        values += shared_findings(of_type)
     values += [*final.findings, *result.findings]
     # The fit is judged without the findings of the values, which are no causes of it.
     fit = replace(_two_step_fit(problem, name, lacking), weak=weak)
@@ -106,7 +109,8 @@ def _with_free_scales(problem: Problem, name: str, result: Identification) -> Id
     """Return a result whose gains in units of the drive have unknown scales again, as given."""
     case, findings = problem.cases[name], [*result.findings]
     with guarded(CODES["command-delay"], findings):
-        findings += delay_estimate_findings(case.logs.experiment.robot, result.load_side)
+        robots = case.logs.experiment.robot, problem.nominals.get(name, case.nominal)
+        findings += delay_estimate_findings(*robots, result.load_side)
     with guarded(CODES["gain-scale"], findings):
         findings += unknown_scales(result.robot, problem.unscaled)
     robot, nominal = result.robot, problem.nominals.get(name, case.nominal)

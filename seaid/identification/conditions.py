@@ -18,7 +18,7 @@ from seaid.errors import Hertz, IdentificationError, check_name, checked, listed
 from seaid.estimation import TermTest
 from seaid.estimation.estimate import independent_rows
 from seaid.estimation.fitting import LinearEstimator
-from seaid.estimation.parameters import shared_parameters
+from seaid.estimation.parameters import shared_parameters, with_groups
 from seaid.identification.conclusion import conclude
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.problem import Options, solve
@@ -67,6 +67,7 @@ def identify_conditions(
     cutoff_hz: Hertz | None = None,
     encoder_offset_std: float = 0.0,
     known_std: Mapping[str, float] = MappingProxyType({}),
+    share: Mapping[str, Sequence[str]] = MappingProxyType({}),
     progress: bool = False,
 ) -> Conditions:
     """Identify several conditions together, by the two-step method.
@@ -78,7 +79,7 @@ def identify_conditions(
     condition_specific : sequence of str
         Parameters estimated per condition, for all joints ("viscous_friction") or for one
         ("viscous_friction of knee"), or "bodies" for the base parameters. All others are shared.
-    torque_joints, estimator, feasible, cutoff_hz, encoder_offset_std, known_std, progress
+    torque_joints, estimator, feasible, cutoff_hz, encoder_offset_std, known_std, share, progress
         As in `identify`; a constant has one error in all conditions. Nonlinear drive equations are
         linearised near values of the first condition, and each has encoder offsets of its own.
 
@@ -105,6 +106,8 @@ def identify_conditions(
     first = next(iter(robots.values()))
     _check_joints(robots)
     _check_specific(first, condition_specific)
+    if share:
+        robots = {x: y.with_drives(with_groups(y.drives, share)) for x, y in robots.items()}
     first.selected(torque_joints)  # refuses unknown joints before a log is read
     options = Options(
         torque_joints=torque_joints,

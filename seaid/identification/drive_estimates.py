@@ -34,6 +34,7 @@ from seaid.estimation.parameters import (
     Bus,
     Constraints,
     buses_of,
+    delay_std_s,
     is_stated,
     shared_columns,
     shared_parameters,
@@ -142,7 +143,9 @@ def with_shared_parameters(
         estimate = constraints.applied(free, white)
     rows = independent_rows(fitted.qr_factor, free)
     P, G = constraints.solution(white)
-    shared = shared_parameters(free, groups, rows)
+    firsts = {free.names[bus.places[0]]: bus for bus in buses if len(bus.places) > 1}
+    of_buses = {name.at(f"bus of {name.owner}"): [*x.places] for name, x in firsts.items()}
+    shared = shared_parameters(free, {**groups, **of_buses}, rows)
     return replace(fitted, estimate=estimate, constraint=(P, G @ constraints.b), shared=shared)
 
 
@@ -221,6 +224,10 @@ def _estimated_delay(joint: str, drive: Drive, identified: Drive) -> tuple[Drive
         delay = near + (delay - near) * before / scale
         if abs(scale / before - 1) > _SCALE:
             drive = drive.with_values({"gain_scale": scale})
+    if abs(delay - near) > NORMAL_95 * delay_std_s(drive):
+        # The log contradicts the stated deviation, which is then none of the estimate.
+        kept = {name: std for name, std in drive.std.items() if name != "command_delay_s"}
+        drive = replace(drive, std=kept)
     if abs(delay) > LARGEST_DELAY_S:
         raise IdentificationError(
             f"the command of {joint} seems delayed by {delay * 1e3:.3g} ms, more than "

@@ -12,7 +12,7 @@ A scale error of the torques changes all parameters together: their covariance s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,12 +20,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, number
 from seaid.checks.values import shared_scale
 from seaid.drives import IDEAL_DRIVE, Drive, ParameterName, readable
 from seaid.drives.drives import STD_OF_TORQUE
 from seaid.drives.terms import MOTOR_CONSTANTS
-from seaid.errors import IdentificationError
+from seaid.errors import IdentificationError, check_name
 from seaid.estimation import Estimate
 from seaid.estimation.estimate import independent_errors
 from seaid.estimation.fitting import Rows
@@ -91,8 +91,8 @@ class Constant:
 
     @property
     def key(self) -> ParameterName:
-        """Its name among the errors of what is known, which belong to no drive."""
-        return ParameterName(f"{self.name} of {self.joint}")
+        """Its name among the errors of what is known."""
+        return ParameterName(self.name, self.joint)
 
     def changed(self, motion: Motion) -> Motion:
         """Return a motion with the larger inputs, or with the encoder offset."""
@@ -119,6 +119,26 @@ class Constant:
         )
 
 
+def check_known_std(known_std: Mapping[str, float]) -> None:
+    """Raise IdentificationError for an unknown name, and for what is no relative deviation."""
+    for name, std in known_std.items():
+        check_name("constant", name, TYPICAL_STD, IdentificationError, "known_std=", "known_std=")
+        of_constant = f"known_std of '{name}'"
+        if not 0 < number(of_constant, std, IdentificationError) <= 1:
+            text = f"must be a relative standard deviation above 0 and at most 1, found {std}"
+            raise IdentificationError(f"{of_constant} {text}", "known_std=")
+
+
+def check_in_use(robots: Collection[Robot], known_std: Mapping[str, float]) -> None:
+    """Raise IdentificationError for a standard deviation of what none of the robots has."""
+    used = {constant.name for robot in robots for constant in constants_of(robot, known_std)}
+    if not any(np.any(robot.payload_parameters) for robot in robots):  # one condition may have none
+        used.discard("payload")
+    for name in known_std.keys() - used:
+        text = f"known_std has '{name}', and of the robot none is known: leave it out, or give it"
+        raise IdentificationError(text, "known_std=")
+
+
 def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, float]:
     """Return the constants in use without a standard deviation, with their `TYPICAL_STD`."""
     drives = [drive for drive in robot.drives.values() if drive != IDEAL_DRIVE]
@@ -128,7 +148,7 @@ def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, f
         "payload": bool(np.any(robot.payload_parameters)),
         "bodies": bool(robot.known_bodies),
     }
-    return {x: std for x, std in TYPICAL_STD.items() if is_exact[x] and not known_std.get(x)}
+    return {x: std for x, std in TYPICAL_STD.items() if is_exact[x] and x not in known_std}
 
 
 def _is_exact(drives: Sequence[Drive], name: str) -> bool:
@@ -155,13 +175,13 @@ def _has_unknown_scale(drive: Drive) -> bool:
 
 def constants_of(robot: Robot, known_std: Mapping[str, float]) -> Iterator[Constant]:
     """Yield the constants that have a standard deviation: by `known_std`, or by their drive."""
-    if known_std.get("torque"):
+    if "torque" in known_std:
         larger = _with_larger_gains(robot, robot.joint_names)
         yield Constant("torque", "", known_std["torque"], larger, robot.joint_names)
-    if known_std.get("payload"):
+    if "payload" in known_std:
         heavier = replace(robot, payload_parameters=(1 + STEP) * robot.payload_parameters)
         yield Constant("payload", "", known_std["payload"], heavier)
-    for body in robot.known_bodies if known_std.get("bodies") else ():
+    for body in robot.known_bodies if "bodies" in known_std else ():
         factor = np.where(np.repeat([x == body for x in robot.body_names], 10), 1 + STEP, 1.0)
         heavier = robot.with_values(factor * robot.parameters, robot.drives)
         yield Constant("bodies", body, known_std["bodies"], heavier)
@@ -177,7 +197,7 @@ def _constants_of_drive(
     stds = {name: std for name, std in known_std.items() if hasattr(drive, name)}
     for name, std in {**stds, **drive.std}.items():
         value, is_delay = getattr(drive, name, None) or 0.0, name == "command_delay_s"
-        if not std or (is_delay and "command_delay" not in drive.known):
+        if is_delay and "command_delay" not in drive.known:
             continue  # the latter is the range of an unknown delay
         if name == STD_OF_TORQUE:
             yield Constant(name, joint, std, _with_larger_gains(robot, [joint]), (joint,))

@@ -8,7 +8,7 @@ find.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -21,9 +21,10 @@ from seaid.checks.setup import log_findings
 from seaid.checks.verdict import explained
 from seaid.drives import Drive
 from seaid.drives.drives import check_groups
-from seaid.errors import Finding, IdentificationError, check_name
+from seaid.errors import Finding, IdentificationError
 from seaid.estimation import Estimator, estimator_named
 from seaid.estimation.fitting import EstimatorName
+from seaid.estimation.parameters import check_buses
 from seaid.identification import checking, drive_estimates, result
 from seaid.identification.command_driven import with_passed_reversals
 from seaid.identification.datasets import (
@@ -35,8 +36,9 @@ from seaid.identification.datasets import (
 )
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.given_constants import (
-    TYPICAL_STD,
     GivenConstants,
+    check_in_use,
+    check_known_std,
     constants_of_conditions,
     encoder_offsets,
 )
@@ -62,19 +64,6 @@ from seaid.log.usable_parts import stretches
 from seaid.regressor.load import check_offset_std
 from seaid.regressor.regression import is_linear
 from seaid.robot import Robot
-
-
-def check_known_std(known_std: Mapping[str, float]) -> None:
-    """Raise IdentificationError for an unknown name or a standard deviation outside [0, 1]."""
-    for name, std in known_std.items():
-        check_name("constant", name, TYPICAL_STD, IdentificationError, "known_std=", "known_std=")
-        if not 0 <= std <= 1:
-            raise IdentificationError(
-                f"known_std of '{name}' must be a relative standard deviation from 0 to 1, found "
-                f"{std}",
-                "known_std=",
-            )
-
 
 Method = Literal["auto", "two-step", "simultaneous"]
 """Values of `method=`."""
@@ -111,11 +100,17 @@ class Options:
             return BY_INSTRUMENTS
         return AT_ONCE if self.method == "simultaneous" else None
 
-    def check_shared(self, robot: Robot) -> None:
-        """Raise an error for drives that cannot share, or do not by a method that was chosen."""
-        check_groups(robot.drives, robot.name, is_whole=False)
-        if self.restrictions is not None:
-            self.restrictions.check_alone(robot)
+    def check_robots(self, robots: Collection[Robot]) -> None:
+        """Raise an error for drives that cannot share, and for deviations of what no robot has.
+
+        A method that was chosen may not share either.
+        """
+        for robot in robots:
+            check_groups(robot.drives, robot.name, is_whole=False)
+            check_buses(robot.drives)
+            if self.restrictions is not None:
+                self.restrictions.check_alone(robot)
+        check_in_use(robots, self.known_std)
 
     @property
     def linear_estimator(self) -> Estimator:
@@ -211,13 +206,8 @@ class Problem:
     def fits(self) -> TwoStepFits:
         """The fits of both sides in turn, with the errors of encoder offsets."""
         bias, options = self.only.bias if self.only else None, self.options
-        fits = estimate_two_step(
-            self.cases,
-            options.linear_estimator,
-            options.progress,
-            options.specific,
-            sensor_errors=bias,
-        )
+        chosen = options.linear_estimator, options.progress, options.specific
+        fits = estimate_two_step(self.cases, *chosen, sensor_errors=bias)
         if not self.offsets.common:
             return fits
         estimates = {name: fits.of(name) for name in self.cases}
@@ -290,8 +280,7 @@ def solve(
     The column of a delay is a derivative at the delay of the drive, and gains in units of the drive
     have the scale 1 where nothing determines it: fits are repeated about each new robot.
     """
-    for robot in robots.values():
-        options.check_shared(robot)
+    options.check_robots(robots.values())
     unscaled: tuple[str, ...] = ()
     nominals: Mapping[str, Robot] = {}
     declared, rounds = dict(robots), drive_estimates.MOST_DELAY_ROUNDS

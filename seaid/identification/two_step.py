@@ -271,7 +271,7 @@ def _is_specific(
 ) -> bool:
     """Whether each condition has a column for itself: encoders are zeroed at each start."""
     if name in error_names:
-        return name.startswith(ENCODER_OFFSET)
+        return name.quantity == ENCODER_OFFSET
     return specific.has(name.at(joint) if joint else name)
 
 

@@ -108,7 +108,7 @@ def test_identify_prints_what_decides_first_and_the_rest_with_verbose(
 
 
 def test_the_options_of_a_saved_run_are_those_that_were_given(arm: Path, tmp_path: Path) -> None:
-    more = ("--payload", "lower:0.01:0,0,-0.1", "--estimator", "huber", "--known-std", "bodies=0.1")
+    more = ("--payload", "lower:0.01:0,0,-0.1", "--estimator", "huber", "--known-std", "payload=0.1")
     saved = tmp_path / "first.npz"
     done("identify", *robot_and_drives(arm), arm / "run.csv", *more, "--feasible", "-o", saved)
     options = dict(seaid.project.load_run(saved).provenance["options"])
@@ -122,7 +122,7 @@ def test_the_options_of_a_saved_run_are_those_that_were_given(arm: Path, tmp_pat
         "feasible",
     }
     assert options["payload"][0]["mass"] == 0.01
-    assert (options["estimator"], dict(options["known_std"])) == ("huber", {"bodies": 0.1})
+    assert (options["estimator"], dict(options["known_std"])) == ("huber", {"payload": 0.1})
 
 
 def test_a_plan_that_ends_in_motion_gets_a_run_in_and_a_ros_file(arm: Path, tmp_path: Path) -> None:

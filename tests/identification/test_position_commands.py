@@ -14,8 +14,9 @@ from scripts.benchmarks import command_delays, commanded_arms
 from seaid._arrays import Array
 from seaid.checks.values import drive_findings
 from seaid.drives import ParameterName
-from seaid.errors import IdentificationError, LogError
+from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
+from seaid.estimation.parameters import check_buses
 from seaid.identification.command_driven import commanded_point
 from seaid.log.commands import commanded_torque
 from seaid.regressor.regression import signals
@@ -677,3 +678,34 @@ def test_a_negative_armature_has_a_remedy(inertia: float, severity: str, remedy:
     (finding,) = [x for x in drive_findings("j", side) if x.code == "negative-parameter"]
     assert finding.severity == severity
     assert finding.remedy.startswith(remedy)
+
+
+def test_a_stated_delay_that_the_log_contradicts_is_said_and_estimated(urdf: Path) -> None:
+    """It is off by 300 of its standard deviations, and these are none of the estimate."""
+    drive = robot_of(urdf, SOFT, 0.003, std_s=1e-5).drives["j"]
+    robot = robot_of(urdf, SOFT).with_drives({"j": replace(drive, known=())})
+    found = seaid.identify(robot, mujoco_log(SOFT, 0.006, 1e-4, 0))
+    value, error = values_of(found)["command_delay"]
+    assert abs(value - 0.006) < 3 * error
+    (finding,) = (x for x in found.findings if x.code == "delay")
+    assert finding.severity == "doubtful"
+    assert "act 6" in finding.message
+    assert finding.message.endswith("command_delay_s states 3 +- 0.02 ms")
+    assert finding.remedy == "correct the drives"
+    assert not found.robot.drives["j"].std
+
+
+def test_the_delay_of_a_bus_is_said_to_be_shared(tmp_path: Path) -> None:
+    both = joined([mujoco_log(SOFT, 0.004, 1e-4, seed) for seed in (1, 2)])
+    (delay,) = seaid.identify(two_joints(tmp_path, (None, None)), both).shared
+    assert (delay.name, delay.joints) == ("command_delay of bus of j0", ("j0", "j1"))
+    np.testing.assert_allclose(delay.values, 0.004, atol=3e-4)
+
+
+def test_drives_of_a_bus_that_state_different_deviations_are_refused(tmp_path: Path) -> None:
+    """Both may be of one delay, with one deviation, or of two."""
+    robot, both = two_joints(tmp_path, (None, None)), joined([log_of(CHIRP), log_of(CHIRP)])
+    wide = replace(robot.drives["j1"], std={"command_delay_s": 1e-3})
+    with pytest.raises(RobotError, match=r"\[j0\] and \[j1\].* 0.00638 and 0.001 s"):
+        seaid.identify(robot.with_drives({"j1": wide}), both)
+    check_buses({**robot.drives, "j1": replace(wide, command_delay_s=0.002)})

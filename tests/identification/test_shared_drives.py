@@ -198,10 +198,11 @@ def test_a_group_of_the_drives_file_is_that_of_the_option() -> None:
 @pytest.mark.slow  # 1.2 s
 def test_conditions_share_what_their_drives_share() -> None:
     first, second = (log_of(120.0, 120.0, seed=seed) for seed in (1, 2))
-    grouped = pendulums(*[ELASTIC | {"shared": "motor"}] * 2).without_nominal()
+    grouped = pendulums(*[ELASTIC] * 2).without_nominal()
     both = identify_conditions(
         {"cold": (grouped, first), "warm": (grouped, second)},
         condition_specific=("spring_offset", "viscous_friction"),
+        share={"motor": JOINTS[:2]},
     )
     cold, warm = (both.identifications[name].drives for name in ("cold", "warm"))
     for drives in (cold, warm):
@@ -234,6 +235,7 @@ LINEAR = {"motor_pulley_radius_m": 0.1, "load_pulley_radius_m": 0.1, "stiffness_
     [
         ({"stiffness_Nm_per_rad": 60.0, "known": ["stiffness"]}, "differ in known parameters"),
         ({"motor_inertia_kg_m2": 3e-5}, r"differ in known parameters, .*2e-05.* and .*3e-05"),
+        ({"motor_inertia_kg_m2_std": 1e-6}, "in motor_inertia_kg_m2_std, 0.0 and 1e-06"),
         ({"friction": ["viscous"]}, "differ in unknown parameters"),
         (STIFF | {"stiffness_Nm_per_rad": "drop"}, "differ in type, 'series_elastic' and 'stiff'"),
         (LINEAR, "differ in unit of the spring, 'N m' and 'N'"),
@@ -259,6 +261,8 @@ SHARES: list[tuple[Sequence[Mapping[str, Any]], dict[str, Any], str]] = [
     ([ELASTIC] * 2, {"a": ("ankle", "elbo")}, r"share=: no joint is named 'elbo'.*'elbow'"),
     ([ELASTIC] * 2, {"a": ("ankle",)}, r"share=: \[ankle\] is alone"),
     ([ELASTIC] * 2, {"": JOINTS[:2]}, "the group of ankle has no name"),
+    ([ELASTIC] * 2, {"a": ()}, r"'a' has the joints \[\]: name two or more, each once"),
+    ([ELASTIC] * 2, {"a": ("ankle", "ankle")}, r"\['ankle', 'ankle'\]: name two or more"),
     (
         [ELASTIC] * 2,
         {"first": JOINTS[:2], "second": JOINTS[1:]},
