@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without cached bytecode every process of the tests would compile the package again, 100 s of processor time in all.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: tulip biped test test-slow test-all test-rounding test-hebi test-simulators test-browser look claims bench lint docs wheel env dev clean
+.PHONY: tulip biped test test-slow test-all test-rounding test-hebi test-simulators test-browser look pictures claims bench lint docs wheel env dev clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
@@ -64,6 +64,11 @@ test-browser: dev
 look: docs
 	$(chromium)
 	$(RUN) -m scripts.look
+
+# The pictures of README and documents, made again; two of benchmarks of hours have their own scripts.
+pictures: dev
+	$(chromium)
+	$(RUN) scripts/gallery.py
 
 # The figures of README and documents, measured again: hours. The runs of less than 20 s: make claims CLAIMS=--quick
 CLAIMS ?=

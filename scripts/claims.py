@@ -8,7 +8,8 @@
 In goes `docs/claims.toml`. Each of its tables is a run: a command, the time that it takes [s],
 and the date of its figures. Each table inside a run is a claim: what is claimed, its
 figure, how far a new run may be off, and a regular expression whose group is the figure in the
-output of the command. In a page a figure stands between marks,
+output of the command. Figures from outside, as of a data sheet, have a `source` in place of the
+command. In a page a figure stands between marks,
 `<!--=tulip.hip_stiffness-->83090<!--=-->`, and `tulip.date` is the date of a run. A run with a
 `capability` is a row of the table of docs/comparison.md.
 
@@ -47,7 +48,7 @@ PATIENCE = 10.0
 PEERS = {"figaroh": "figaroh", "mujoco_sysid": "mujoco.sysid", "FloBaRoID": "FloBaRoID"}
 """The other packages of the table of capabilities, by their keys; more columns are not readable."""
 
-MARK = re.compile(r"<!--=([\w.]+)-->(.*?)<!--=-->", re.DOTALL)
+MARK = re.compile(r"<!--=([\w.]+)-->((?:(?!<!--=).)*)<!--=-->", re.DOTALL)
 TABLE = "capabilities"
 WORDS = 60
 """How many letters of a text a message has, which may be a table."""
@@ -61,14 +62,15 @@ class ClaimError(Exception):
 class Claim:
     """A figure: what is claimed, how far a run may be off, and where a run prints it.
 
-    `within` is a share of the figure, "2 %", or a number in the unit of the figure.
+    `within` is a share of the figure, "2 %", or a number in the unit of the figure. A figure from
+    outside has neither.
     """
 
     name: str
     claim: str
     figure: str
-    within: str
-    prints: str
+    within: str = "0"
+    prints: str = "()"
 
     def __post_init__(self) -> None:
         """Refuse a tolerance that is no number, and an expression without exactly one group."""
@@ -99,7 +101,8 @@ class Run:
     """A command with its claims; with a `capability`, a row of the table of docs/comparison.md.
 
     `needs` is a package that the command needs and the project does not; `shows` is a regular
-    expression that its output has to contain.
+    expression that its output has to contain. Without a command there is the `source` of figures
+    that seaid does not measure.
     """
 
     name: str
@@ -107,10 +110,24 @@ class Run:
     seconds: float
     date: date
     claims: tuple[Claim, ...] = ()
+    source: str = ""
     needs: str = ""
     shows: str = ""
     capability: str = ""
     peers: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse a time that is none, and claims that nothing measures and no source states."""
+        if not isinstance(self.date, date):
+            raise TypeError(f"{self.name}: date has to be a day such as 2026-11-30")
+        if not isinstance(self.seconds, int | float) or self.seconds < 0:
+            raise TypeError(f"{self.name}: seconds has to be a positive number, {self.seconds!r}")
+        if bool(self.command) != (self.seconds > 0):
+            raise ValueError(f"{self.name}: a command has its seconds, and nothing else has any")
+        if self.claims and bool(self.command) == bool(self.source):
+            raise ValueError(f"{self.name}: claims have a command or a source")
+        if any((claim.prints == "()") != bool(self.source) for claim in self.claims):
+            raise ValueError(f"{self.name}: claims of a command, and no others, have `prints`")
 
     def output(self) -> str:
         """Return what the command prints in a folder with the project's files and nothing else."""
@@ -166,6 +183,8 @@ def _run(name: str, table: Mapping[str, object]) -> Run:
     rest = {key: value for key, value in table.items() if not isinstance(value, dict)}
     if "capability" in rest:
         rest["peers"] = tuple(rest.pop(peer, "-") for peer in PEERS)
+    if "source" in rest:
+        rest = {"command": "", "seconds": 0, **rest}
     return Run(name, claims=claims, **rest)  # type: ignore[arg-type]  # values of a TOML file
 
 
@@ -204,6 +223,7 @@ def problems_of_pages(texts: Mapping[str, str], contents: Mapping[str, str]) -> 
     """Yield where the pages (their texts by their names) and the file differ."""
     used = set()
     for page, content in contents.items():
+        yield from _broken_marks(page, content)
         for mark in MARK.finditer(content):
             place = f"{page}:{content.count(chr(10), 0, mark.start()) + 1}"
             used.add(mark[1])
@@ -215,6 +235,15 @@ def problems_of_pages(texts: Mapping[str, str], contents: Mapping[str, str]) -> 
     for name in texts:
         if name not in used and not name.endswith(".date"):
             yield f"{CLAIMS}: no page has {name}"
+
+
+def _broken_marks(page: str, content: str) -> Iterator[str]:
+    """Yield the marks of a page that have no name of a claim, or that no mark closes."""
+    outside = MARK.sub(lambda mark: re.sub(r"[^\n]", " ", mark[0]), content)
+    for mark in re.finditer(r"<!--\s*=", outside):
+        line = outside.count("\n", 0, mark.start()) + 1
+        words = content[mark.start() : mark.start() + WORDS].partition("\n")[0]
+        yield f"{page}:{line}: no mark of a claim, or one that is not closed: {words!r}"
 
 
 def with_figures(content: str, texts: Mapping[str, str]) -> str:
@@ -261,7 +290,7 @@ def main(names: list[str], only_pages: bool, quick: bool, write: bool) -> list[s
         raise ClaimError(f"no run is called {', '.join(sorted(unknown))} in {CLAIMS}")
     problems, new = [], []
     for run in [] if only_pages else runs:
-        is_asked = run.name in names if names else bool(run.command)
+        is_asked = bool(run.command) and (not names or run.name in names)
         if not is_asked or (quick and run.seconds > QUICK_S):
             continue
         if run.needs and find_spec(run.needs) is None:

@@ -1,15 +1,20 @@
-"""Pictures of the documents: `python scripts/gallery.py [NAME ...]`.
+"""Pictures of README and documents: `make pictures`, or `python scripts/gallery.py [NAME ...]`.
 
 Friction and excitation are of the simulated TULip leg, the spring is that of a HEBI module
-(models/logs), and the robots are those of models/ and of example-robot-data. Robots and view need
-Chromium and playwright (`make dev`, `make test-browser`).
+(models/logs), and the robots are those of models/ and of example-robot-data. The figures of the
+paper and the report of the leg are those of `make tulip`, the report of the arm is that of the
+commands of the README. Robots, view and reports need Chromium and playwright (`make dev`,
+`make test-browser`). The figures of benchmarks of hours are `scripts/coverage.py` and
+`scripts/benchmarks/excitation_peer.py`.
 """
 
 from __future__ import annotations
 
 import argparse
 import shutil
+import subprocess
 import sys
+import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -260,12 +265,67 @@ def view(path: Path) -> None:
     picture.save(path, optimize=True)
 
 
+@cache
+def main_job() -> Path:
+    """Return the folder with what `make tulip` writes."""
+    folder = Path(tempfile.mkdtemp())
+    script = str(ROOT / "scripts" / "identify_tulip_leg.py")
+    subprocess.run([sys.executable, script, "--output", str(folder)], check=True)
+    return folder
+
+
+def actuator_side(path: Path) -> None:
+    """Draw Figure 3 of the paper."""
+    shutil.copyfile(main_job() / path.name, path)
+
+
+def load_side(path: Path) -> None:
+    """Draw Figure 4 of the paper."""
+    shutil.copyfile(main_job() / path.name, path)
+
+
+def report(path: Path) -> None:
+    """Draw the first screen of the report of the leg."""
+    first_screen(main_job() / "report.html", path)
+
+
+def report_hebi(path: Path) -> None:
+    """Draw the first screen of the report of the arm of the README."""
+    log = MODELS / "logs" / "hebi_arms" / "grav_comp_bad.npz"
+    with tempfile.TemporaryDirectory() as folder:
+        for words in (
+            ("init", MODELS / "hebi_arm_2.urdf", log, "--folder", folder),
+            ("run", folder),
+        ):
+            subprocess.run([sys.executable, "-m", "seaid", *map(str, words)], check=True)
+        first_screen(Path(folder) / "runs" / "latest" / "report.html", path)
+
+
+def first_screen(page: Path, path: Path) -> None:
+    """Draw the first screen of a page, in light and in dark."""
+    from PIL import Image
+
+    with chromium() as browser:
+        for scheme, name in (("light", path), ("dark", path.with_stem(f"{path.stem}_dark"))):
+            shown = browser.new_page(viewport={"width": 1280, "height": 800})
+            shown.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
+            shown.goto(page.as_uri())
+            shown.wait_for_timeout(500.0)
+            picture = Image.open(BytesIO(shown.screenshot())).convert("RGB")
+            picture.save(name, optimize=True)
+            shown.close()
+
+
 PICTURES = {
     friction: "_static/gallery/friction.svg",
     spring: "_static/gallery/spring.svg",
     excitation: "_static/gallery/excitation.svg",
     robots: "_static/gallery/robots.png",
     view: "view.png",
+    actuator_side: "actuator_side.png",
+    load_side: "load_side.png",
+    report: "report.png",
+    report_hebi: "report_hebi.png",
 }
 """{function that draws: file in docs/}."""
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from datetime import date
 
 import pytest
+from PIL import Image
 
 from scripts import claims
 from scripts.claims import Claim, ClaimError, Run
@@ -15,6 +16,7 @@ ROOT = claims.ROOT
 RUNS = claims.runs_of((ROOT / claims.CLAIMS).read_text("utf-8"))
 TEXTS = claims.texts_of(RUNS)
 CONTENTS = {str(page.relative_to(ROOT)): page.read_text("utf-8") for page in claims.pages()}
+JOINTS = ("hip", "knee", "ankle")
 EXAMPLE = """\
 [leg]
 command = "echo k = 12.5 N m/rad"
@@ -46,6 +48,22 @@ def test_pages_have_the_figures_of_the_claims() -> None:
     for words, code in (("--pages", 0), ("legs", 1)):
         done = subprocess.run([*command, words], cwd=ROOT, capture_output=True, check=False)
         assert done.returncode == code
+
+
+@pytest.mark.parametrize("side", ["actuator", "load"])
+def test_the_titles_of_figures_3_and_4_have_the_figures_of_the_claims(side: str) -> None:
+    """As `make pictures` drew them; the description of the picture has its titles."""
+    with Image.open(ROOT / f"docs/{side}_side.png") as picture:
+        titles = str(picture.info["Description"])
+    short = {"hip_yaw": "yaw", "hip_roll": "roll"} | {f"{x}_pitch": x for x in JOINTS}
+    kind = {"actuator": "motor", "load": "load"}[side]
+    pattern = r"(\w+)[\w, ]*: relative error ([\d.]+)%.*?(?:the (\d+)% of the samples|\()"
+    shown = re.findall(pattern, titles)
+    assert len(shown) == {"actuator": 2, "load": 5}[side]
+    for joint, error, share in shown:
+        name = f"tulip.{short[joint]}_{kind}"
+        assert float(error) == round(float(TEXTS[name]), 1)
+        assert (share or "100") == TEXTS[f"{name}_share"]
 
 
 @pytest.mark.parametrize("page", [name for name, text in CONTENTS.items() if "<!--=" in text])
