@@ -74,6 +74,8 @@ class Claim:
 
     def __post_init__(self) -> None:
         """Refuse a tolerance that is no number, and an expression without exactly one group."""
+        if not all(isinstance(value, str) for value in vars(self).values()):
+            raise TypeError(f"{self.name}: figure, within, prints and claim have to be text")
         float(self.within.removesuffix("%"))
         if re.compile(self.prints).groups != 1:
             raise ValueError(f"{self.prints!r} has to have one group, the figure")
@@ -175,8 +177,10 @@ def runs_of(text: str) -> list[Run]:
         raise ClaimError(f"{CLAIMS}: {error}") from None
 
 
-def _run(name: str, table: Mapping[str, object]) -> Run:
+def _run(name: str, table: object) -> Run:
     """Return a run; its claims are the tables inside it."""
+    if not isinstance(table, Mapping):
+        raise TypeError(f"{name} has to be a table")
     claims = tuple(
         Claim(f"{name}.{key}", **value) for key, value in table.items() if isinstance(value, dict)
     )

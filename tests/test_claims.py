@@ -80,6 +80,50 @@ def test_a_false_number_in_a_page_is_a_problem(page: str) -> None:
 
 
 @pytest.mark.parametrize(
+    "mark",
+    [
+        *("<!--=hebi-stiffness-->99<!--=-->", "<!--=hebi.stiffness-->99", "99<!--=-->"),
+        *("<!-- =hebi.stiffness-->99", "<!--=hebi.stiffness -->99<!--=-->", "<!--= -->99"),
+    ],
+)
+def test_a_mark_that_is_misspelt_or_not_closed_is_a_problem(mark: str) -> None:
+    """It takes no other mark with it."""
+    figure = TEXTS["hebi.stiffness"]
+    page = f"one\n{mark} and\n<!--=hebi.stiffness-->{figure}<!--=-->\n"
+    found = problems({"docs/page.md": page})
+    assert all(problem.startswith("docs/page.md:2: no mark of a claim") for problem in found)
+    assert found
+    assert claims.with_figures(page, TEXTS) == page
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("seconds = 1", 'seconds = "two"', "leg: seconds has to be a positive number, 'two'"),
+        ("seconds = 1", "seconds = -1", "leg: seconds has to be a positive number, -1"),
+        ("seconds = 1", "seconds = 0", "leg: a command has its seconds"),
+        ("date = 2026-01-02", 'date = "today"', "leg: date has to be a day"),
+        ('"12.0"', "12.0", "leg.stiffness: figure, within, prints and claim have to be text"),
+        ('"5 %"', '"five"', "could not convert"),
+        ("prints = 'k = (\\S+)', ", "", "leg: claims of a command"),
+        ("[leg]", "arms = 2\n[leg]", "arms has to be a table"),
+        ('command = "echo k = 12.5 N m/rad"', 'command = ""', "leg: a command has its seconds"),
+        ("[leg]", '[leg]\nsource = "a data sheet"', "leg: claims have a command or a source"),
+    ],
+)
+def test_a_run_that_cannot_be_is_refused(old: str, new: str, message: str) -> None:
+    with pytest.raises(ClaimError, match=re.escape(f"{claims.CLAIMS}: {message}")):
+        claims.runs_of(EXAMPLE.replace(old, new, 1))
+
+
+def test_a_figure_from_outside_has_a_source_and_is_not_run() -> None:
+    sheet = '[sheet]\nsource = "a data sheet"\ndate = 2026-01-02\n'
+    (run,) = claims.runs_of(sheet + 'ratio = { figure = "762.222", claim = "a gear ratio" }')
+    assert (run.command, claims.texts_of([run])["sheet.ratio"]) == ("", "762.222")
+    assert claims.main(["firmware"], only_pages=False, quick=False, write=False) == []
+
+
+@pytest.mark.parametrize(
     ("command", "seconds", "message"),
     [
         ("echo first; echo 'no robot' >&2; exit 3", 1, "leg: exit code 3: no robot"),
@@ -144,21 +188,46 @@ def test_a_yes_of_the_table_of_capabilities_has_its_command() -> None:
 
 PLAIN = re.compile(r"<!--=[\w.]+-->.*?<!--=-->|`[^`]*`|\]\([^)]*\)|95 % (?:intervals?|ranges)")
 NUMBER = re.compile(r"(?<![\w^-])\d[\d.,]*(?: ?(?:%|mrad|Hz|MB|ms|s|N m\S*)(?!\w))")
+ANY_NUMBER = re.compile(r"(?<![\w^.,-])\d(?:[\d.,]*\d)?")
+"""A number that is no part of a name such as X5 or F_v3."""
 TABLES = ("README.md", "docs/results.md")
+
+
+def unmarked(row: str) -> list[str]:
+    """Return the numbers of a row without a mark, but for those of its claim and commands.
+
+    The first cell may have conditions of the experiment: they stand in the command or the claim.
+    """
+    runs = {run.name: run for run in RUNS}
+    used = [runs[mark[1].split(".")[0]] for mark in claims.MARK.finditer(row)]
+    stated = [text for run in used for text in (run.command, *(x.claim for x in run.claims))]
+    first, *rest = (ANY_NUMBER.findall(PLAIN.sub("", cell)) for cell in row.split(" | "))
+    conditions = set(ANY_NUMBER.findall(" ".join(stated).replace(",", "")))
+    numbers = [number for number in first if number.replace(",", "") not in conditions]
+    return [*numbers, *(number for cell in rest for number in cell)]
 
 
 @pytest.mark.parametrize("page", TABLES)
 def test_a_row_with_a_figure_has_claims_and_the_command_of_one_of_them(page: str) -> None:
+    """No cell has a number without a mark, with a unit or without, and commands are as claimed."""
     commands = {run.name: run.command for run in RUNS}
-    rows = [line for line in CONTENTS[page].splitlines() if re.match(r"\| .*<!--=", line)]
+    tables = re.findall(r"^\| claim \|.*\n\|-.*\n((?:\|.*\n)+)", CONTENTS[page], re.MULTILINE)
+    rows = [row for table in tables for row in table.splitlines()]
     assert len(rows) >= 3
     for row in rows:
-        figure = row.split(" | ")[1]
-        assert NUMBER.findall(PLAIN.sub("", figure)) == [], row
-        names = {mark[1].split(".")[0] for mark in claims.MARK.finditer(figure)}
-        programs = re.findall(r"`(?:python (?:-m )?)?(scripts[\w./]+)", row)
+        assert unmarked(row) == [], row
+        names = {mark[1].split(".")[0] for mark in claims.MARK.finditer(row)}
+        programs = re.findall(r"`(python [^`]+)`", row)
         wanted = " ".join(commands[name] for name in names)
         assert all(program in wanted for program in programs), row
+
+
+def test_a_number_without_a_mark_is_found() -> None:
+    """Also one without a unit; a condition of the experiment is in its claim or command."""
+    figure = "<!--=unseen.alarms-->0<!--=-->"
+    assert unmarked(f"| No alarm | {figure} of 28 | X5-4 of F_v3 |") == ["28"]
+    assert unmarked(f"| Within 1.5 times the error | {figure} | the first 3 |") == ["3"]
+    assert unmarked(f"| Within 1.6 times the error | {figure} | `seed 7` |") == ["1.6"]
 
 
 @pytest.mark.parametrize("page", [name for name in CONTENTS if name.startswith("docs/how_to")])

@@ -344,7 +344,7 @@ def plant_table(rows: Sequence[Score], titles: Sequence[str]) -> str:
     return str(table(rows[0].plant, header, list(by_figure.values())))
 
 
-def summary(rows: Sequence[Score], alarms: Mapping[str, list[str]]) -> str:
+def summary(rows: Sequence[Score], alarms: Mapping[str, list[str]], logs: int) -> str:
     """Return shares within, median errors, coverage and false alarms of each way."""
     lines = []
     for way in (*WAYS, REFERENCE):
@@ -355,7 +355,7 @@ def summary(rows: Sequence[Score], alarms: Mapping[str, list[str]]) -> str:
         cells += [percent(float(np.median([abs(row.error) for row in some])))]
         lines.append([*cells, str(len(alarms.get(way, [])))])
     header = ["way", "figures", "beyond", "within", "coverage", "median error", "false alarms"]
-    return str(table("All plants", header, lines))
+    return str(table(f"All plants, {logs} logs", header, lines))
 
 
 def coverage_table(rows: Sequence[Score]) -> str:
@@ -410,7 +410,7 @@ def examined(
 
 def main(seeds: int, motion: int, only: str, folder: Path) -> None:
     """Print the tables of all plants, the findings on these right set-ups, and the summary."""
-    begin, rows = time.monotonic(), []
+    begin, rows, logs = time.monotonic(), [], 0
     alarms: dict[str, list[str]] = {way: [] for way in WAYS}
     for plant in few([plant for plant in PLANTS if only in plant.title], 2):
         plant = replace(plant, duration_s=sized(plant.duration_s, 5.0))
@@ -419,11 +419,12 @@ def main(seeds: int, motion: int, only: str, folder: Path) -> None:
             title = f"{plant.title}, seed {seed}"
             place = folder / title.replace(" ", "_").replace(",", "")
             rows += examined(plant, run, title, seed, place, alarms)
+            logs += 1
     for way, messages in alarms.items():
         print(f"False alarms, {way}: {len(messages)}", *messages, sep="\n  ")
     beyond = [row for row in rows if not row.within]
     print(f"\nBeyond: {len(beyond)}", *map(_line, beyond), sep="\n  ")
-    print(coverage_table(rows), summary(rows, alarms), sep="\n")
+    print(coverage_table(rows), summary(rows, alarms, logs), sep="\n")
     print(f"{time.monotonic() - begin:.0f} s")
 
 
