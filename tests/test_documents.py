@@ -30,6 +30,7 @@ from scripts.pages import (
     same,
 )
 from scripts.warnings_page import page_with_sections
+from seaid.checks import CODES
 from seaid.cli.commands import COMMANDS, command_of
 from seaid.drives import PARAMETERS_OF
 from seaid.drives.toml import drives_from_mapping
@@ -77,6 +78,15 @@ def test_what_is_generated_is_what_stands_in_the_pages() -> None:
     assert PICTURE.read_text("utf-8") == picture()
     for title, (field, benches) in design_table.TABLES.items():
         assert list(design_rows(title)) == [f"{getattr(bench, field):g}" for bench in benches]
+
+
+def test_the_page_of_warnings_begins_with_its_index_and_has_a_sentence_per_code() -> None:
+    """An installed user has no file of the documents: no text of a code names one."""
+    index, sections = (ROOT / "docs/warnings.md").read_text("utf-8").split("\n## How to read them")
+    assert re.findall(r"\[([\w-]+)\]\(#\1\)", index)[1:] == sorted(CODES)
+    for code in CODES.values():
+        assert f"\n### {code.name}\n\n`{code.name}` names {code.meaning}.\n" in sections
+        assert not re.search(r"docs/|\.md\b", code.cause + code.advice)
 
 
 def of_language(*languages: str) -> list[object]:

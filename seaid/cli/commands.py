@@ -41,7 +41,7 @@ MOVED = {
     "refine": "write seaid identify URDF LOG --refine",
     "conditions": 'write condition = "cold" in each [[log]] of seaid.toml, and seaid run',
     "cross-validate": "write seaid validate URDF LOG LOG --cross",
-    "gains": "docs/how_to/position_commands.md says how a second set of gains differs",
+    "gains": "the page on position commands says how a second set of gains differs",
 }
 """{former command: what to write now}."""
 

@@ -7,7 +7,7 @@ several commands have them:
 Parameters
 ----------
 logs
-    Logs to identify from: docs/logs.md.
+    Logs to identify from.
 rate_hz
     Sampling rate of logs without a column of time [Hz].
 feasible

@@ -222,7 +222,7 @@ def warning_lines(warnings: Sequence[Finding]) -> list[str]:
     """Return a line per warning with its code, and one with its remedy.
 
     Of notes without a remedy the first ones of each code are shown, and the others counted. The
-    last line names the sections of the document that explain the codes of doubts and mistakes.
+    last line names the codes of doubts and mistakes, and where they are explained.
     """
     lines, notes = [], Counter[str]()
     for finding in warnings:
@@ -234,8 +234,9 @@ def warning_lines(warnings: Sequence[Finding]) -> list[str]:
         lines += textwrap.indent(finding.remedy, "    ").splitlines()
     more = notes - Counter(dict.fromkeys(notes, _MOST_NOTES))
     lines += [f"- {code}: {counted(n, 'more note')} like these" for code, n in more.items()]
-    codes = dict.fromkeys(f"#{one.code}" for one in warnings if one.severity != "note")
-    return [*lines, f"Causes and advice: docs/warnings.md{', '.join(codes)}"] if codes else lines
+    codes = dict.fromkeys(one.code for one in warnings if one.severity != "note")
+    advice = f"Causes and advice: the report, or the page of warnings, under {', '.join(codes)}"
+    return [*lines, advice] if codes else lines
 
 
 def verdict_text(identification: Identification) -> list[str]:
