@@ -299,7 +299,11 @@ FORMATS = {
     "note": Format(lambda x: x.note, lambda x: x.note, is_words=True),
     "value and error": Format(
         lambda x: f"{number(x.value)} +- {x.error:.2g}" if math.isfinite(x.value) else "-",
-        lambda x: Cell(f"{x.text('value')} ± {x.text('error')}", x.value),
+        lambda x: (
+            Cell(f"{x.text('value')} ± {x.text('error')}", x.value)
+            if math.isfinite(x.value)
+            else NONE
+        ),
     ),
 }
 """{name of a kind of value: how it is shown}."""

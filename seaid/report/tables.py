@@ -196,9 +196,10 @@ def _moments(body: Array) -> str:
 
 
 def _vector(values: Array) -> str:
-    """Return numbers with three digits, and those that are nothing but rounding as 0."""
-    least = 1e-9 * float(np.max(np.abs(values)))
-    return " ".join(short(float(value) if abs(value) > least else 0.0) for value in values)
+    """Return numbers with three digits, and 0 for what is below the fourth digit of the largest."""
+    size = float(np.max(np.abs(values)))
+    last = 10.0 ** (math.floor(math.log10(size)) - 3) if size > 0 else 1.0
+    return " ".join(short(float(value)) for value in last * np.round(values / last) + 0.0)
 
 
 def side_name(side: str) -> str:

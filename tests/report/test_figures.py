@@ -51,14 +51,18 @@ def test_actuator_figure_shows_best_and_worst_joint(
 def test_load_figure_shows_every_joint_measured_grey_and_computed_black(
     tmp_path: Path, drawn: list[matplotlib.figure.Figure]
 ) -> None:
-    raw = np.full_like(arm_result().load.measured, np.nan)
-    raw[:, 1] = np.arange(len(raw))
-    save_load_figure(arm_result(), tmp_path / "b.png", raw=raw)
+    """Behind them are the measured torques of one comparison, and the computed ones of another."""
+    load, shape = arm_result().load, arm_result().load.measured.shape
+    every = replace(arm_result(), load=replace(load, measured=np.ones(shape)))
+    chatter = replace(arm_result(), cutoff_hz=50.0, load=replace(load, computed=np.zeros(shape)))
+    save_load_figure(arm_result(), tmp_path / "b.png", raw=(every, chatter))
     assert len(drawn[0].axes) == 4
     for joint, axis in enumerate(drawn[0].axes):
-        *every, measured, computed = axis.get_lines()
-        assert [line.get_label() for line in every] == ["measured, every sample"] * (joint == 1)
-        assert all(np.array_equal(line.get_ydata(), raw[:, 1]) for line in every)
+        *behind, measured, computed = axis.get_lines()
+        words = [line.get_label() for line in behind]
+        assert words == ["measured, every sample", "computed below 50 Hz"]
+        for line, value in zip(behind, (1.0, 0.0), strict=True):
+            assert set(line.get_ydata()) == {value}
         assert (measured.get_label(), computed.get_label()) == ("measured", "computed")
         assert (measured.get_color(), computed.get_color()) == ("0.62", "black")
         assert np.array_equal(measured.get_ydata(), arm_result().load.measured[:, joint], True)

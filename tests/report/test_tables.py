@@ -54,6 +54,17 @@ def test_a_terminal_and_a_page_show_the_same_numbers(name: str) -> None:
     assert compared >= len(rows)
 
 
+def test_what_is_not_known_has_one_dash_and_what_is_far_below_the_largest_is_0() -> None:
+    """No "– ± –" for a gear ratio, and no centre of mass of 6.8·10⁻¹⁰ m next to 0.12 m."""
+    assert FORMATS["value and error"].page(Measured(math.nan, math.nan)) == "–"
+    robot = arm_found().robot
+    bodies = robot.parameters.reshape(-1, 10).copy()
+    bodies[0] = [2.0, 2 * 6.78e-10, 2 * 3.93e-5, -2 * 0.1234, 0.2, 0.0, 0.2, 0.0, 0.0, 0.2]
+    nominal = robot.with_values(bodies.ravel(), robot.drives)
+    (row, *_) = tables.bodies_table(arm_found(), nominal).rows
+    assert row[4] == "0 0 −0.123"
+
+
 def test_a_unit_is_the_last_column_of_a_terminal_and_stays_in_its_place_on_a_page() -> None:
     columns = (Column("joint", "words"), Column("unit", "unit"), Column("error", "share"))
     table = Table("a", "", columns, (("knee", "kg m^2", 0.5),))

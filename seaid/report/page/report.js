@@ -95,7 +95,7 @@
   const overTime = (name, height, label, series, data, turns) => draw(name, {
     height, series: [{ label: "t [s]", value: (_, value) => (value == null ? "–" : value.toFixed(3)) }, ...series],
     scales: { x: { time: false } },
-    axes: [name === "residual" ? axis("time [s]") : axis(undefined, { size: 34 }), axis(label, { size: 66 })],
+    axes: [name === "residual" ? axis("time [s]") : axis(undefined, { size: 34 }), axis(label, { size: 80 })],
     cursor: { y: false, sync: { key: "time" }, drag: { x: true, y: false, setScale: false } },
     hooks: { drawClear: [markReversals(turns)], setSelect: [(chart) => {
       if (chart.select.width < 4) return;
@@ -122,7 +122,7 @@
       line("measured", "measured", 4), line("computed", "computed", 1.2), line("residual", "residual", 1.2)],
     scales: { x: { time: false, distr: 3 }, y: { distr: 3 } },
     cursor: { y: false },
-    axes: [axis("frequency [Hz]", { values: powers }), axis(`amplitude [${unit}]`, { size: 66, values: powers })],
+    axes: [axis("frequency [Hz]", { values: powers }), axis(`amplitude [${unit}]`, { size: 80, values: powers })],
     hooks: { drawClear: [shadeBand(cutoff)] },
   }, data);
 
@@ -138,7 +138,7 @@
         { label: "residual", stroke: colour("sample"), paths: () => null, points, value: (_, value) => digits(value) },
         { ...line("mean", "residual", 2), spanGaps: true }],
       scales: { x: { time: false } }, cursor: { y: false },
-      axes: [axis(label), axis(`residual [${unit}]`, { size: 66 })],
+      axes: [axis(label), axis(`residual [${unit}]`, { size: 80 })],
     }, [order.map((place) => x[place]), order.map((place) => y[place]), order.map((place) => means.get(place) ?? null)]);
   };
 
