@@ -188,6 +188,8 @@ ROBOTS: tuple[tuple[str, str | Path, Path | None, float], ...] = (
     ("UR10", "ur10_robot.urdf", None, -0.8),
 )
 TILE_PX, ROOM = 440, 1.15
+PATIENCE_MS = 180_000.0
+"""How long a page may take to open on a busy machine."""
 
 
 @contextmanager
@@ -302,17 +304,25 @@ def report_hebi(path: Path) -> None:
 
 
 def first_screen(page: Path, path: Path) -> None:
-    """Draw the first screen of a page, in light and in dark."""
-    from PIL import Image
+    """Draw the first screen of a page, in light, and in dark beside the style of the site.
 
+    The description of the picture has its words for tests to read.
+    """
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    dark = path.parent / "_static" / f"{path.stem}_dark.png"
+    dark.parent.mkdir(exist_ok=True)
     with chromium() as browser:
-        for scheme, name in (("light", path), ("dark", path.with_stem(f"{path.stem}_dark"))):
+        for scheme, name in (("light", path), ("dark", dark)):
             shown = browser.new_page(viewport={"width": 1280, "height": 800})
             shown.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
-            shown.goto(page.as_uri())
+            shown.goto(page.as_uri(), timeout=PATIENCE_MS)
             shown.wait_for_timeout(500.0)
             picture = Image.open(BytesIO(shown.screenshot())).convert("RGB")
-            picture.save(name, optimize=True)
+            words = PngInfo()
+            words.add_itxt("Description", shown.inner_text(".verdict") + shown.inner_text(".first"))
+            picture.save(name, optimize=True, pnginfo=words)
             shown.close()
 
 

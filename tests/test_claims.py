@@ -66,6 +66,20 @@ def test_the_titles_of_figures_3_and_4_have_the_figures_of_the_claims(side: str)
         assert (share or "100") == TEXTS[f"{name}_share"]
 
 
+def test_the_pictures_of_reports_have_the_figures_of_the_claims() -> None:
+    """As `make pictures` drew them; the description of a picture has its words."""
+    shown = {}
+    for name in ("report.png", "_static/report_dark.png", "report_hebi.png"):
+        with Image.open(ROOT / "docs" / name) as picture:
+            shown[name] = str(picture.info["Description"]).replace("\N{NO-BREAK SPACE}", " ")
+    for words in [*shown.values()][:2]:
+        for joint in JOINTS:
+            side = words.partition("Torque on the load")[2]
+            assert f"→ {TEXTS[f'tulip.{joint}_load']} %" in side.replace("\n", " ")
+    assert "Usable with care" in shown["report_hebi.png"]
+    assert "weak-spring (joint_1)" in shown["report_hebi.png"]
+
+
 @pytest.mark.parametrize("page", [name for name, text in CONTENTS.items() if "<!--=" in text])
 def test_a_false_number_in_a_page_is_a_problem(page: str) -> None:
     """It is named with its line; no mark begins a line, which would make it a block."""
