@@ -447,10 +447,11 @@ _RATIO_KEYS = {False: "gear_ratio", True: "gear_ratio_rad_per_m"}
 _MOVES = {False: 0.05, True: 0.005}
 """{whether a joint slides: least range [rad or m] that shows a gear ratio}."""
 
-_BAND_HZ, _WIDTH = 5.0, 0.05
+_BAND_HZ, _WIDTH, _ROUNDING = 5.0, 0.05, float(np.sqrt(np.finfo(float).eps))
 """Low pass of the signals from which a gear ratio is inferred, in which robots move and encoders
 differ by springs rather than noise; width of the tanh of dry friction over the standard deviation
-of the speed, narrow enough for a step wherever the joint moves."""
+of the speed, narrow enough for a step wherever the joint moves; share of a range or of a ratio that
+is no more than rounding."""
 
 
 def _drives_of_logs(
@@ -663,8 +664,9 @@ def _with_confirmed_ratios(
             code = "of_guessed_counts" if joint in guessed else "undetermined"
             sizes[joint] = _doubt(code, key=key, value=value, error=error)
         else:
-            table |= {key: _shortest(value, error), f"{key}_std": float(f"{error:.2g}")}
-            sizes[joint] = f"{key} = {table[key]:.7g} +- {error:.2g} "
+            stated = [(f"{key}_std", float(f"{error:.2g}"))] * bool(error > _ROUNDING * value)
+            table |= {key: _shortest(value, error), **dict(stated)}
+            sizes[joint] = f"{key} = {table[key]:.7g} " + f"+- {error:.2g} " * len(stated)
     return tables, sizes
 
 
@@ -701,9 +703,9 @@ def _drive_of_encoders(slides: bool, time: Array, sensors: Mapping[str, Array]) 
     if np.ptp(joint) < _MOVES[slides]:
         return _Drive(None, _doubt("hardly_moves"))
     ratio, explained, error = _ratio(time, sensors)
-    values: dict[str, Any] = {"explained": explained, "unit": "m" if slides else "rad"}
-    values["spread"] = float(np.std(motor / ratio - joint))
-    values["backwards"] = _doubt("backwards") * (ratio < -error)
+    spread, unit = float(np.std(motor / ratio - joint)), "m" if slides else "rad"
+    code = ("agree", "differ")[spread > _ROUNDING * float(np.ptp(joint))]
+    apart = _doubt(code, spread=spread, unit=unit) + _doubt("backwards") * (ratio < -error)
     key, ratio = _RATIO_KEYS[slides], abs(ratio)
     explains = explained > MOST or "deflection" in sensors
     table: _Table = {"type": ("stiff", "series_elastic")[explains]}
@@ -712,11 +714,10 @@ def _drive_of_encoders(slides: bool, time: Array, sensors: Mapping[str, Array]) 
         key, ratio, error = "motor_pulley_radius_m", 1 / ratio, error / ratio**2
     table |= {key: float(f"{ratio:.5g}"), f"{key}_std": error}
     if explains:
-        return _Drive(table, _doubt("spring", **values), key)
+        return _Drive(table, _doubt("spring", apart=apart, explained=explained), key)
     if "joint_torque" in sensors and "motor_torque" not in sensors:
-        values["ratio"] = f"{key} = {table[key]} +- {error:.2g}"
-        return _Drive(None, _doubt("torque_sensor", **values))
-    return _Drive(table, _doubt("stiff", **values), key)
+        return _Drive(None, _doubt("torque_sensor", key=key, value=ratio, error=error, apart=apart))
+    return _Drive(table, _doubt("stiff", apart=apart), key)
 
 
 def _ratio(time: Array, sensors: Mapping[str, Array]) -> tuple[float, float, float]:
@@ -741,7 +742,8 @@ def _ratio(time: Array, sensors: Mapping[str, Array]) -> tuple[float, float, flo
     end = min(int(rate_hz / _BAND_HZ), len(time) // 4)
     rows, turned = np.column_stack(columns)[end : len(time) - end], signals[end : -end or None, 0]
     fit = safely(np.linalg.lstsq, rows, turned, rcond=None, what="a ratio", error=LogError)[0]
-    difference, misfit = turned - fit[0] * rows[:, 0], turned - rows @ fit
-    # Of motor - N joint, what torque and motion explain is a spring's; the rest is neither.
-    rest = float(np.var(misfit) / max(float(np.var(difference)), 1e-300))
-    return float(fit[0]), 1 - rest, float(np.std(misfit) / max(float(np.std(rows[:, 0])), 1e-300))
+    # Of motor - N joint, what torque and motion explain is a spring's; the rest is neither, and nor
+    # is what only rounding leaves.
+    apart, rest = float(np.var(turned - fit[0] * rows[:, 0])), float(np.var(turned - rows @ fit))
+    explained = (apart - rest) / max(apart, _ROUNDING**2 * float(np.var(turned)), 1e-300)
+    return float(fit[0]), explained, rest**0.5 / max(float(np.std(rows[:, 0])), 1e-300)

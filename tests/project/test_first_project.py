@@ -281,6 +281,25 @@ def test_an_inferred_ratio_always_has_an_error(monkeypatch: pytest.MonkeyPatch) 
         assert f" +- {error:.2g} from both encoders" in said
 
 
+def test_a_ratio_that_only_rounding_spoils_has_no_error() -> None:
+    """A log of a simulation without steps of encoders: "86 +- 1.1e-12" says nothing."""
+    robot = seaid.load_robot(MODELS / "tulip_leg.urdf")
+    time = np.linspace(0.0, 10.0, 2001)
+    joint = np.sin(np.outer(time, np.arange(1.0, 6.0)))
+    log = seaid.Log(
+        time=time,
+        motor_position=86.0 * joint,
+        joint_position=joint,
+        motor_torque=np.cos(np.outer(time, np.arange(2.0, 7.0))),
+        joint_names=robot.joint_names,
+    )
+    tables, doubts = inferred_drives(robot, [log])
+    assert tables["hip_yaw"] == {"type": "stiff", "gear_ratio": 86.0}
+    assert doubts[0].startswith(
+        "hip_yaw: gear_ratio = 86 from both encoders, which agree up to rounding; taken for stiff"
+    )
+
+
 def test_a_project_is_written_once_and_from_logs(tmp_path: Path) -> None:
     urdf, log = MODELS / "hebi_arm_2.urdf", LOGS / "hebi_arms/grav_comp_bad.npz"
     made = write_first_project(urdf, log, folder=tmp_path)
@@ -343,7 +362,7 @@ def test_a_motor_that_turns_against_its_joint_has_a_positive_ratio(tmp_path: Pat
     drives = load_project(folder).robot().drives
     assert [drive.ratio for drive in drives.values()] == pytest.approx([20.0, 20.0])
     (doubt,) = [doubt for doubt in made.doubts if "sign = -1" in doubt]
-    assert doubt.startswith("b: gear_ratio = 20 +- ")
+    assert doubt.startswith("b: gear_ratio = 20 from both encoders, which agree up to rounding;")
 
 
 def test_a_ratio_with_a_large_error_is_asked_for(tmp_path: Path) -> None:
