@@ -189,7 +189,7 @@ def _run(name: str, table: object) -> Run:
         rest["peers"] = tuple(rest.pop(peer, "-") for peer in PEERS)
     if "source" in rest:
         rest = {"command": "", "seconds": 0, **rest}
-    return Run(name, claims=claims, **rest)  # type: ignore[arg-type]  # values of a TOML file
+    return Run(name, claims=claims, **rest)
 
 
 def texts_of(runs: Iterable[Run]) -> dict[str, str]:

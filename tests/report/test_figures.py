@@ -62,7 +62,7 @@ def test_load_figure_shows_every_joint_measured_grey_and_computed_black(
         words = [line.get_label() for line in behind]
         assert words == ["measured, every sample", "computed below 50 Hz"]
         for line, value in zip(behind, (1.0, 0.0), strict=True):
-            assert set(line.get_ydata()) == {value}
+            assert np.unique(np.asarray(line.get_ydata())).tolist() == [value]
         assert (measured.get_label(), computed.get_label()) == ("measured", "computed")
         assert (measured.get_color(), computed.get_color()) == ("0.62", "black")
         assert np.array_equal(measured.get_ydata(), arm_result().load.measured[:, joint], True)
