@@ -216,6 +216,13 @@ class _SharedModel:
         after = float(_squares(self.whole, self.whole, self.places_of(model)))
         return self.before / max(after, 1e-300)
 
+    def trial(self, candidate: Candidate, asked: int, least_bic: float | None) -> Trial:
+        """Return a candidate at the best point of its grid."""
+        # All points of a grid have the same number of parameters: the best one explains most.
+        ratios = {model: self.rss_ratio(model) for model in candidate.alternatives}
+        best = max(ratios, key=ratios.__getitem__)
+        return Trial(candidate, self.compared(best, ratios[best], asked, least_bic), best)
+
     def compared(
         self, model: Alternative, rss_ratio: float, asked: int, least_bic: float | None
     ) -> ModelComparison:
@@ -545,12 +552,7 @@ def compared_candidates(
     for _, of_width in groupby(tested, lambda x: x.alternatives[0].own is None or x):
         group = [*of_width]
         shared = _shared_model(equation, [x for c in group for x in c.alternatives])
-        for candidate in group:
-            # All points of a grid have the same number of parameters: the best one explains most.
-            ratios = {model: shared.rss_ratio(model) for model in candidate.alternatives}
-            best = max(ratios, key=ratios.__getitem__)
-            comparison = shared.compared(best, ratios[best], asked, least_bic)
-            trials.append(Trial(candidate, comparison, best))
+        trials += [shared.trial(candidate, asked, least_bic) for candidate in group]
     return trials
 
 

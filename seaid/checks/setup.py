@@ -90,12 +90,9 @@ class _Trial:
         least = chdtri(max(self.transform.penalty, 1), tol.FEW / self.count) / 2
         return self.explains(float(least))
 
-    def explains(self, least: float = 0.0) -> bool:
-        """Whether the transform has more than the `least` gain and leaves little unexplained.
-
-        The gain has to come from what the log shows without the robot file, where a misfit that
-        matters falls, or from all together, and the bodies of the file contradict it by less.
-        """
+    @property
+    def left(self) -> tuple[float, float]:
+        """The part of the torque that is left at the joints of the transform, and at the middle."""
         changed, transform = self.transform.changed, self.transform
         # any bodies or those of the file: another mistake may contradict the latter, or one of the
         # two joints of an exchange
@@ -104,7 +101,15 @@ class _Trial:
         middle = float(np.median(known)) if len(known) else 0.0
         names = transform.joints or (transform.joint,) * bool(transform.joint)
         of_joints = misfit[[changed.robot.index(name) for name in names]]
-        remaining = float(np.nanmin(of_joints)) if np.any(np.isfinite(of_joints)) else middle
+        return float(np.nanmin(of_joints)) if np.any(np.isfinite(of_joints)) else middle, middle
+
+    def explains(self, least: float = 0.0) -> bool:
+        """Whether the transform has more than the `least` gain and leaves little unexplained.
+
+        The gain has to come from what the log shows without the robot file, where a misfit that
+        matters falls, or from all together, and the bodies of the file contradict it by less.
+        """
+        remaining, middle = self.left
         if self.shown > least:
             return remaining < tol.MOST and self.total > 0
         is_possible = bool(self.falls) or _is_value(transform)

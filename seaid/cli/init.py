@@ -68,11 +68,11 @@ def _controllers(
     options: RobotOptions,
     position_gain: float | dict[str, float] | None,
     velocity_gain: float | dict[str, float],
-) -> dict[str, seaid.Controller] | None:
-    """Return {joint: controller} of the options, None without a gain."""
+) -> dict[str, seaid.Controller]:
+    """Return {joint: controller} of the options, none without a gain."""
     robot = options.robot()
     if position_gain is None and not velocity_gain:
-        return None
+        return {}
     stiff = by_joint("--position-gain", position_gain, robot)
     damped = by_joint("--velocity-gain", velocity_gain, robot)
     return {

@@ -66,7 +66,7 @@ def write_first_project(
     *,
     drives: str | Path | None = None,
     folder: str | Path = ".",
-    controllers: Mapping[str, Controller] | None = None,
+    controllers: Mapping[str, Controller] = FrozenMapping({}),
     rate_hz: Hertz | None = None,
     columns: Sequence[str] = (),
     **robot_options: Any,
@@ -131,7 +131,7 @@ def write_first_project(
     without, untrue = _joints_without_torque(robot, logs_read)
     tables, of_drives = dict[str, _Table](), list[str]()
     if known is None:
-        gains = {**(read[0].guess.gains if read[0].guess else {}), **(controllers or {})}
+        gains = {**(read[0].guess.gains if read[0].guess else {}), **controllers}
         tables, of_drives = _drives_of_logs(robot, logs_read, without, gains, guessed)
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
@@ -268,8 +268,9 @@ class _Reading:
             raise SeaidError(f"'{file}' names the columns: remove it, or columns=", "columns=")
         if file.exists():
             return _ReadLog(files, read_log(files, robot, description=file), guess, file)
-        for entry in earlier if len(files) == 1 else ():
-            if entry.guess and entry.file and _columns(entry.guess) == _columns(guess):
+        alike = (x for x in earlier if x.guess and _columns(x.guess) == _columns(guess))
+        for entry in alike if len(files) == 1 else ():
+            if entry.guess and entry.file:
                 source = entry.file if entry.file.exists() else entry.guess.description
                 with suppress(LogError):
                     log = read_log(files, robot, description=source)
