@@ -60,8 +60,8 @@ def _is_another_set_up(
     # a start.
     is_fixed = np.array([x == "stiffness" or not (side.is_motor or x.owner) for x in names])
     own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])
-    further = map(partial(_of_log, side), [*dict.fromkeys(side.logs)][1:])
-    of_each = np.hstack([x.columns[:, ~is_fixed] for x in chain.from_iterable(further)])
+    further = [*dict.fromkeys(side.logs)][1:]
+    of_each = np.hstack([_of_log(side, x)[0].columns[:, ~is_fixed] for x in further])
     with_friction = side.equation.with_alternatives([engine.Alternative(of_each, 0)])
     explained, scores, _ = _explained_by(with_friction, own, is_fixed)
     if explained >= MATTERS and scores:

@@ -112,7 +112,7 @@ class _Trial:
         remaining, middle = self.left
         if self.shown > least:
             return remaining < tol.MOST and self.total > 0
-        is_possible = bool(self.falls) or _is_value(transform)
+        is_possible = bool(self.falls) or _is_value(self.transform)
         is_explained = max(middle, remaining) < tol.SEVERE and self.total > 0
         return self.shown + self.bodies > least and is_possible and is_explained
 
