@@ -249,3 +249,10 @@ def test_a_long_row_that_is_refused_prints_why() -> None:
     words = ["-c", "import sys; sys.exit('Error: 300 joints are too many\\nand more')"]
     text = measured_once(LongRow("refused", None, None, lambda _: words))
     assert text.endswith(": Error: 300 joints are too many")
+
+
+def test_claims_that_are_ratios_to_a_peer_are_measured_again() -> None:
+    """Without a ratio in them `--claims` would hold nothing."""
+    from scripts.benchmarks.speed_held import claimed
+
+    assert claimed().keys() >= {"regressor", "samples", "planning"}

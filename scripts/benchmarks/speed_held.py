@@ -2,21 +2,29 @@
 
     make bench
     python -m scripts.benchmarks.speed_held --against v0.1 --only identify --only hebi
+    python -m scripts.benchmarks.speed_held --claims
 
 The earlier commit is the last tag, or without a tag the newest commit that is a day older than this
 one; if that does not start with the packages of this environment, it is the one half as old that
 does. Runs of both alternate in one process each. A row that takes more than 1.15 times as long is
 measured again, up to three times; it fails if it does so twice. The exit code is then 1.
+
+With `--claims` nothing earlier is measured: the figures of `docs/claims.toml` that are ratios to a
+peer in the same process are measured again, and fail if the least of three tries is more than 1.15
+times the claim. It takes less than two minutes; a busy machine slows both sides.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
+import re
 import statistics
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -126,12 +134,48 @@ def main(names: list[str], against: str) -> int:
     return slower
 
 
+def claimed() -> dict[str, float]:
+    """Return the claims that are ratios to a peer in one process, {row of `fast.py`: figure}."""
+    runs = tomllib.loads((ROOT / "docs/claims.toml").read_text("utf-8"))
+    figures = dict[str, float]()
+    for run in runs.values():
+        only = re.fullmatch(r"python scripts/benchmarks/fast\.py --only (\w+)", run["command"])
+        row = ROWS.get(only[1]) if only else None
+        if row is not None and row.prepare is not None and "over" in row.how and "ratio" in run:
+            figures[only[1]] = float(run["ratio"]["figure"])  # type: ignore[index]
+    return figures
+
+
+def claims_held() -> int:
+    """Print each claimed ratio, measured again, and return the number of those that are larger."""
+    tree, larger = Tree(ROOT), 0
+    print(f"{'row':16} {'work':38} claimed   measured, least of at most {TRIES}")
+    try:
+        for name, figure in claimed().items():
+            ratio, tries = math.inf, 0
+            while tries < TRIES and ratio > LIMIT * figure:
+                # Times of work and peer each at its best: what else runs makes them only longer.
+                rounds = [tree.measure(name, ROOT) for _ in range(RUNS)]
+                work, peer = (min(times) for times in zip(*rounds, strict=True))
+                ratio, tries = min(ratio, work / peer), tries + 1
+            failed = ratio > LIMIT * figure
+            larger += failed
+            text = f"{name:16} {ROWS[name].title:38} {figure:7g}   {ratio:.3g}"
+            print(text + "  larger" * failed, flush=True)
+    finally:
+        tree.close()
+    return larger
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", action="append", choices=list(ROWS), help="may be repeated")
     parser.add_argument("--against", metavar="COMMIT", help="a tag or a commit")
+    parser.add_argument("--claims", action="store_true", help="the claimed ratios, in one process")
     add_quick(parser)
     options = parser.parse_args()
+    if options.claims:
+        sys.exit(claims_held() > 0 and not options.quick)
     chosen = options.only or sized([name for name in ROWS if ROWS[name].needs is None], SHORT[:1])
     failures = main(chosen, options.against or earlier_commit())
     sys.exit(failures > 0 and not options.quick)  # figures of the short form mean nothing
