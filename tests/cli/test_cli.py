@@ -108,7 +108,14 @@ def test_identify_prints_what_decides_first_and_the_rest_with_verbose(
 
 
 def test_the_options_of_a_saved_run_are_those_that_were_given(arm: Path, tmp_path: Path) -> None:
-    more = ("--payload", "lower:0.01:0,0,-0.1", "--estimator", "huber", "--known-std", "payload=0.1")
+    more = (
+        "--payload",
+        "lower:0.01:0,0,-0.1",
+        "--estimator",
+        "huber",
+        "--known-std",
+        "payload=0.1",
+    )
     saved = tmp_path / "first.npz"
     done("identify", *robot_and_drives(arm), arm / "run.csv", *more, "--feasible", "-o", saved)
     options = dict(seaid.project.load_run(saved).provenance["options"])

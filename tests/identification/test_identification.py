@@ -189,7 +189,6 @@ OPTIONS: list[tuple[dict[str, Any], str]] = [
     ({"known_std": {"torque": 2.0}}, "of 'torque' must be a relative stand"),
     ({"known_std": {"torque": 0.0}}, "deviation above 0 and at most 1, found 0.0"),
     ({"known_std": {"torque": True}}, "must be a number, found True"),
-    ({"known_std": {"payload": 0.1}}, "known_std has 'payload', and of the robot none is known"),
     ({"known_std": {"bodies": 0.1}}, "known_std has 'bodies', and of the robot none is known"),
     *(
         ({"encoder_offset_std": std}, "must be from 0 to 1000 rad or m")

@@ -280,3 +280,10 @@ def test_groups_that_cannot_be_are_refused_by_name(
 ) -> None:
     with pytest.raises(RobotError, match=words):
         identify(pendulums(*drives).without_nominal(), log_of(120.0, 120.0), share=share)
+
+
+@pytest.mark.parametrize("name", ["payload", "bodies", "load_pulley_radius_m"])
+def test_deviations_of_what_the_robot_has_not_are_refused(name: str) -> None:
+    words = f"known_std has '{name}', and of the robot none is known: leave it out"
+    with pytest.raises(IdentificationError, match=words):
+        found(plant(120.0, 120.0), log_of(120.0, 120.0), known_std={name: 0.1})
