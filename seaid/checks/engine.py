@@ -543,11 +543,10 @@ def compared_candidates(
     for those that do, and blocks are predicted by those whose criterion is above it; others count
     as unchanged. Raises IdentificationError for too few rows.
     """
-    tested = [candidate for candidate in candidates if candidate.alternatives]
+    trials, tested = [], [candidate for candidate in candidates if candidate.alternatives]
     if least_bic is not None:
         tested = _without_logs(equation, tested, asked, least_bic)
-        tested = [x for x in tested if equation.is_promising(x.alternatives)]
-    trials = []
+        tested = [*filter(lambda x: equation.is_promising(x.alternatives), tested)]
     # Those of logs are as wide as the fit: each is compared alone.
     for _, of_width in groupby(tested, lambda x: x.alternatives[0].own is None or x):
         group = [*of_width]

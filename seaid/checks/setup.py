@@ -509,20 +509,12 @@ def _scale(
     # A unit is one of few values and no fitted number: it costs one parameter less.
     factor = sign / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
     words = (f"are in {unit}" if exact else _off_by(size, error)) + _WITH_SIGN * (sign < 0)
-    words += _as_in(size, tol.SURE * error)
     code, severity = ("unit", "wrong") if is_unit else ("torque-scale", "doubtful")
     of_joints = experiment, dict.fromkeys(joints, factor), channels, words
     names = [experiment.robot.joint_names[j] for j in joints]
     remedy = _stated(names, [error * (is_of_motors and not exact)] * len(names))
     more: dict[str, Any] = {"severity": severity, "evidence": {"factor": slope} | known}
     return multiplied(CODES[code], *of_joints, penalty=float(not exact), remedy=remedy, **more)
-
-
-def _as_in(size: float, most: float) -> str:
-    """Return the words for units in which torques are `size` times those in N m, up to errors."""
-    units = {"kgf m": 1 / 9.80665, "kgf cm": 100 / 9.80665, "lbf in": 8.85075}
-    errors = {unit: abs(math.log(size / value)) for unit, value in units.items()}
-    return "".join(f", as in {unit}" for unit, x in errors.items() if x < most < tol.MOST)
 
 
 def _rescaled(

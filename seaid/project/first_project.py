@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import tomli_w
 
-from seaid._arrays import Array, safely
+from seaid._arrays import Array, FrozenMapping, safely
 from seaid._files import PROJECT_FILE, from_template, read_toml, write_whole
 from seaid._progress import Display
 from seaid.checks import JointCheck
@@ -264,13 +264,12 @@ class _Reading:
             return _ReadLog(files, guess)
         robot = self.with_springs([guess])
         file = self.folder / f"{files[0].stem}_columns.toml"
-        if file.exists() and self.columns:
-            raise SeaidError(f"'{file}' names the columns: remove it, or columns=", "columns=")
         if file.exists():
+            if self.columns:
+                raise SeaidError(f"'{file}' names the columns: remove it, or columns=", "columns=")
             return _ReadLog(files, read_log(files, robot, description=file), guess, file)
-        alike = (x for x in earlier if x.guess and _columns(x.guess) == _columns(guess))
-        for entry in alike if len(files) == 1 else ():
-            if entry.guess and entry.file:
+        for entry in earlier if len(files) == 1 else ():
+            if entry.guess and entry.file and _columns(entry.guess) == _columns(guess):
                 source = entry.file if entry.file.exists() else entry.guess.description
                 with suppress(LogError):
                     log = read_log(files, robot, description=source)

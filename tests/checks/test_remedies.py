@@ -414,12 +414,3 @@ def test_torques_without_a_sign_are_excluded_in_one_line(joints: tuple[str, ...]
     lines = {line for x in found for line in x.remedy.splitlines() if "torque_joints" in line}
     assert lines == ({f"torque_joints = [{', '.join(others)}]"} if others else set())
     assert not any("[elbow" in x.remedy for x in found)  # without commands no controller gives it
-
-
-@pytest.mark.parametrize(("name", "factor"), [("kgf m", 1 / 9.80665), ("lbf in", 8.85075)])
-def test_a_factor_that_is_that_of_a_unit_names_it(name: str, factor: float) -> None:
-    columns, _ = LOGS["both positions"]()
-    setup = of("elbow", ("torque",), factor)(Setup(urdf(), DRIVES, (), (columns,), ({},)))
-    (finding,) = findings(setup)
-    assert (finding.code, finding.joint) == ("torque-scale", "elbow")
-    assert f", as in {name}" in finding.message
