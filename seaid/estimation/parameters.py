@@ -23,7 +23,7 @@ from seaid.drives import Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95, SHARED, STATED_DELAY_S, check_groups
 from seaid.drives.terms import places_of
-from seaid.errors import IdentificationError, RobotError, shown, unknown_name
+from seaid.errors import IdentificationError, RobotError, check_name
 from seaid.estimation.estimate import Estimate, SharedParameter, TermTest
 
 if TYPE_CHECKING:
@@ -188,19 +188,15 @@ def with_groups(
 ) -> dict[str, Drive]:
     """Return drives with the groups {group: joints} of `share=`. Raises RobotError."""
     group_of: dict[str, str] = {}
-    for group, joints in share.items():
-        if len(set(joints)) < max(len(joints), 1):
-            names = f"the group '{group}' has the joints {shown([*joints])}"
-            raise RobotError(f"share=: {names}: name two or more, each once", "share=")
     for group, joint in ((group, joint) for group, joints in share.items() for joint in joints):
-        if joint not in drives:
-            raise RobotError("share=: " + unknown_name("joint", joint, drives), "share=")
-        if not group:
-            raise RobotError(f"share=: the group of {joint} has no name: give it one", "share=")
+        check_name("joint", joint, drives, RobotError, "share=", "share=")
         if joint in group_of:
-            text = f"{joint} is in '{group_of[joint]}' and in '{group}': name it in one group"
+            text = f"{joint} is in '{group_of[joint]}' and in '{group}': name it once, in one group"
             raise RobotError(f"share=: {text}", "share=")
         group_of[joint] = group
+    empty = [group for group, joints in share.items() if not (group and joints)]
+    if empty:
+        raise RobotError(f"share=: the group '{empty[0]}' needs a name, and joints", "share=")
     changed = {x: replace(y, shared=group_of.get(x, y.shared)) for x, y in drives.items()}
     check_groups(changed, "share=")
     return changed

@@ -214,8 +214,7 @@ def _usual_changes(values: Array, place: int) -> Array:
     around = np.abs(np.diff(values[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS], axis=0))
     # The change at `place` is number min(place, _NEIGHBOURS) - 1 of the window.
     around = np.delete(around, min(place, _NEIGHBOURS) - 1, axis=0)
-    known = np.where(np.isfinite(around), around, -1.0)
-    largest = np.max(known, axis=0, initial=-1.0)
+    largest = np.max(np.where(np.isfinite(around), around, -1.0), axis=0, initial=-1.0)
     return np.where(largest < 0, np.nan, largest)
 
 
@@ -279,12 +278,11 @@ def with_regular_clock(group: Sequence[Channel], report: Report) -> list[Channel
     time, values = group[0].time, np.column_stack([channel.values for channel in group])
     if not np.all(np.isfinite(time)):
         return list(group)
-    steps = np.diff(time)
-    repeats = steps == 0
+    repeats = np.diff(time) == 0
     # Only the first sample of each stamp is near the time that it states.
     changes = np.flatnonzero(~repeats) + 1
-    is_coarse = np.all(steps >= 0) and np.sum(repeats) > report.limits.most_disordered * len(time)
-    if not is_coarse or len(changes) < _FEWEST_CHANGES:
+    is_coarse = np.sum(repeats) > report.limits.most_disordered * len(time)
+    if not is_coarse or np.any(np.diff(time) < 0) or len(changes) < _FEWEST_CHANGES:
         return list(group)
     # without a change within a stamp, each sample is there several times
     moved = np.diff(np.nan_to_num(values, posinf=0.0, neginf=0.0), axis=0) != 0
