@@ -38,9 +38,10 @@ from seaid.estimation import FittedRows
 from seaid.log import Log, Motion
 from seaid.log.rows import in_band_at
 from seaid.regressor import BaseParameters
-from seaid.regressor.base import regressor_at_drives
-from seaid.regressor.load import known_frictions, load_side, where_known
+from seaid.regressor.base import regressor_at_drives, torque_slopes
+from seaid.regressor.load import load_side, where_known
 from seaid.robot import Robot
+from seaid.robot.transmission import rows_at_drives
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,66 +140,74 @@ class Side:
 
     @cached_property
     def bodies(self) -> Array:
-        """The standard parameters (10N, 1) of the fitted bodies, the known ones included."""
+        """Standard parameters (10N,) of the fitted bodies, the known ones included.
+
+        Those that the rows do not show are such that no body without a mass has a centre.
+        """
         assert self.base is not None
-        fitted = self.equation.values[: len(self.base.grouping)]
-        return (self.base.least(fitted) + self.robot.known_parameters)[:, None]
+        usual = np.where(self.robot.is_known, 0.0, np.tile(_BODY, len(self.robot.body_names)))
+        fitted = self.equation.values[: len(self.base.grouping)] - self.base.project(usual)
+        return usual + self.base.least(fitted) + self.robot.known_parameters
 
     @cached_property
     def torque_of_known(self) -> Array:
         """The torque (R, 1) of the known bodies at the rows."""
-        return self.torques_of(self.robot.known_parameters[:, None], filtered=True)
+        if not self.robot.known_bodies and self.base is not None:  # payloads: by the base columns
+            payload = self.base.project(self.robot.payload_parameters)
+            return self.equation.rows.H[:, : len(payload)] @ payload[:, None]
+        known = self.robot.known_parameters[:, None]
+        return self.filtered(lambda *states: regressor_at_drives(self.robot, *states) @ known)
 
-    @cached_property
-    def torque_of_bodies(self) -> Array:
-        """The torque (R, 1) of the fitted bodies at the states of the rows."""
-        return self.torques_of(self.bodies)
+    def _at_rows(self, of_motion: Callable[[Motion, Array, IndexArray], Array]) -> Array:
+        """Return at the rows (R, k) what a function has at samples of a motion (samples, n, k).
 
-    @cached_property
-    def _instants(self) -> list[tuple[IndexArray, IndexArray, IndexArray, list[Array]]]:
-        """The rows of each motion, the instant of each row, their samples, and signals there.
-
-        The signals of the instants, below the cutoff, are the states of the joints, and the part of
-        the time around an instant in which the friction (8) of each is known, the weight of a row.
+        Its other argument is where friction in the equations (8) is known (T, n).
         """
-        rows, parts, robot = self.equation.rows, [], self.robot
-        for run, motion in enumerate(self.motions):
+        rows, columns, every = self.equation.rows, np.empty(0), np.ones(self.robot.n)
+        for run, (motion, factors) in enumerate(zip(self.motions, self.parts, strict=True)):
             places = np.flatnonzero(rows.run == run)
             times, instants = np.unique(rows.time[places], return_inverse=True)
-            samples = np.searchsorted(motion.time, times)
-            signals = *motion.joint_states, known_frictions(robot, motion, robot.joint_names)
-            there = [in_band_at(motion, signal, samples) for signal in signals]
-            parts.append((places, instants, samples, there))
-        return parts
-
-    def torques_of(
-        self, bodies: Array, joint: str = "", angle: float = 0.0, *, filtered: bool = False
-    ) -> Array:
-        """Return the torques (R, k) of bodies (10N, k) at the rows, an angle added to a joint.
-
-        They are those of the states of the rows, or `filtered` as the rows are: the torque of
-        filtered states differs from the filtered torque by more than the error of an angle.
-        """
-        robot, rows = self.robot, self.equation.rows
-        turn = angle * (np.array(robot.joint_names) == joint)
-        torques = np.zeros((len(rows.y), bodies.shape[1]))
-        pairs = zip(self.motions, self._instants, strict=True)
-        for motion, (places, instants, samples, (*states, known)) in pairs:
-            q, v, a = motion.joint_states if filtered else states
-            # (T, n, 10N) @ (10N, k) in parts: the regressor of a long log is too large in memory.
-            parts = [slice(start, start + _AT_ONCE) for start in range(0, len(q), _AT_ONCE)]
-            each = (regressor_at_drives(robot, q[x] + turn, v[x], a[x]) @ bodies for x in parts)
-            columns = np.concatenate([*each])
-            weights = known_frictions(robot, motion, robot.joint_names) if filtered else known
-            columns = where_known(weights, columns)
-            columns = in_band_at(motion, columns, samples) if filtered else columns
+            known = np.column_stack([*factors(every).values()])
+            values = of_motion(motion, known, np.searchsorted(motion.time, times))
+            columns = columns if run else np.zeros((len(rows.y), values.shape[2]))
             # (instants, n, k) -> (R, k): of each row its instant and its joint.
-            torques[places] = columns[instants, rows.joint[places].astype(int)]
-        return torques
+            columns[places] = values[instants, rows.joint[places].astype(int)]
+        return columns
+
+    @cached_property
+    def slopes(self) -> Array:
+        """The derivatives (R, n) of the torque of the fitted bodies by the angle of each joint.
+
+        They are those at the states of the rows, which are below the cutoff.
+        """
+        robot, payloads = self.robot, self.robot.payload_parameters
+        robot = robot.with_values(self.bodies - payloads, robot.drives)
+
+        def at_samples(motion: Motion, known: Array, samples: IndexArray) -> Array:
+            states = (in_band_at(motion, state, samples) for state in motion.joint_states)
+            by_angle = rows_at_drives(robot.transmission, torque_slopes(robot, *states)[0])
+            return where_known(in_band_at(motion, known, samples), by_angle)
+
+        return self._at_rows(at_samples)
+
+    def filtered(self, columns_of: Callable[[Array, Array, Array], Array]) -> Array:
+        """Return columns (R, k) of torques of bodies, which are filtered as the rows are.
+
+        `columns_of` joint states at T samples are (T, n, k). The torque of filtered states differs
+        from the filtered torque by more than the error of an angle.
+        """
+
+        def at_samples(motion: Motion, known: Array, samples: IndexArray) -> Array:
+            starts = range(0, len(motion.time), _AT_ONCE)
+            parts = [[x[start : start + _AT_ONCE] for x in motion.joint_states] for start in starts]
+            columns = np.concatenate([columns_of(*states) for states in parts])
+            return in_band_at(motion, where_known(known, columns), samples)
+
+        return self._at_rows(at_samples)
 
 
-_AT_ONCE = 4000
-"""Samples of a regressor at once."""
+_AT_ONCE, _BODY = 4000, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+"""Samples of a regressor at once, which is too large for a long log, and a body with a mass."""
 
 
 _PLAIN = ("viscous", "coulomb")

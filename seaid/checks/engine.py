@@ -29,9 +29,17 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid.checks.tolerances import CONFIDENCE, NEGLIGIBLE, SIGNIFICANT, SLIGHT
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
-from seaid.estimation import qr_factor
 from seaid.estimation.covariance import long_run_of
-from seaid.estimation.qr_factor import ROUNDING, explained_squares, scaled_svd, triangle, whitened
+from seaid.estimation.qr_factor import (
+    SEGMENTS,
+    explained_apart,
+    explained_squares,
+    projected_out,
+    scaled_svd,
+    time_blocks,
+    triangle,
+    whitened,
+)
 from seaid.log.filtering import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
@@ -154,16 +162,14 @@ def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _S
     parts = [rows.H[:, core], rows.H[:, replaced], *(model.columns for model in alternatives)]
     X = equation.weighted(np.column_stack([*parts, rows.y]))
     # The factors R_b of the blocks have all sums of squares that follow: R_b^T R_b = X_b^T X_b.
-    factors = [
-        triangle(X[block]) for block in qr_factor.time_blocks(rows, segments=qr_factor.SEGMENTS)
-    ]
+    factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
     joint_factor = np.concatenate(factors)
     # What the core leaves of the other columns and of y has the residuals of the whole model.
-    whole = _projected_out(joint_factor, len(core))[1]
+    whole = projected_out(joint_factor, len(core))[1]
     # The first p columns of X, core and replaced, are all of the smaller model. The rest is row by
     # row, not a factor: the autocorrelation of the residual needs the order in
     # time.
-    rest = X[:, p:] - X[:, :p] @ _projected_out(joint_factor, p)[0]
+    rest = X[:, p:] - X[:, :p] @ projected_out(joint_factor, p)[0]
     ends = np.cumsum([0, *(model.H.shape[1] for model in alternatives)]).tolist()
     places = dict(zip(alternatives, map(range, ends, ends[1:]), strict=True))
     return _SharedModel(equation, replaced, len(core), places, factors, whole, rest)
@@ -285,17 +291,6 @@ def _changes(without: Array, within: Array) -> tuple[float, float, int, int, flo
     return float(np.sum(change)) / total, std, int(np.sum(change > 0)), len(change), t
 
 
-def _projected_out(X: Array, p: int) -> tuple[Array, Array]:
-    """Return the coefficients (p, s) of the last s columns on the first p, and what is left."""
-    R = triangle(X)
-    svd = scaled_svd(R[:, :p])
-    kept = slice(svd.rank(ROUNDING))
-    # y - U U^T y: also right where the first p columns depend on each other.
-    seen = svd.left[:, kept].T @ R[:, p:]
-    scaled = svd.vectors[kept].T @ (seen / svd.sizes[kept, None])
-    return scaled / svd.norms[:, None], triangle(R[:, p:] - svd.left[:, kept] @ seen)
-
-
 def _held_out(factors: Sequence[Array], core: int) -> tuple[Array, Array]:
     """Return the factors (B, c, c) of the other blocks and the rows (B, m, c) of each one.
 
@@ -307,7 +302,7 @@ def _held_out(factors: Sequence[Array], core: int) -> tuple[Array, Array]:
     for place, block in enumerate(factors):
         # Factors add up by stacking: without block b there is no pass over the rows again.
         others = np.concatenate([*factors[:place], *factors[place + 1 :]])
-        coefficients, rest = _projected_out(others, core)
+        coefficients, rest = projected_out(others, core)
         # Few rows leave a factor with fewer of them than columns: the others are zero.
         rests[place, : len(rest)] = rest
         blocks[place, : len(block)] = block[:, core:] - block[:, :core] @ coefficients
@@ -485,15 +480,15 @@ class Equation:
         """
         columns = [model.columns for model in alternatives]
         rows, whole = np.any(np.hstack(columns) != 0, axis=1), self.weighted(np.hstack(columns))
-        rest = self.residual_of(whole)
         of_joints = [rows & (self.rows.joint == x) for x in np.unique(self.rows.joint[rows])]
         # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
         # torque, and NEGLIGIBLE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
         needed = max(SLIGHT * self.squares(rows), (NEGLIGIBLE * min(torques, default=0.0)) ** 2)
-        rest[:, np.linalg.norm(rest, axis=0) <= _LOST * np.linalg.norm(whole, axis=0)] = 0.0
-        parts = np.split(rest, np.cumsum([part.shape[1] for part in columns])[:-1], axis=1)
-        return any(explained_squares(part, self.residual) > needed for part in parts)
+        acting = np.flatnonzero(np.any(whole != 0, axis=1))
+        parts = np.repeat(np.arange(len(columns)), [x.shape[1] for x in columns])
+        of_rows = whole[acting], self.basis[acting], self.residual[acting]
+        return bool(np.max(explained_squares(*of_rows, parts), initial=0.0) > needed)
 
     def with_alternatives(self, alternatives: Iterable[Alternative]) -> Equation:
         """Return the equation with the columns of alternatives, zero where these replace others."""
@@ -513,7 +508,7 @@ def equation_of(fitted: FittedRows) -> Equation:
     An equation of the fit may have lost all of its rows, those of a contact, and its weight goes.
     """
     assert fitted.rows is not None
-    remaining = np.isin(fitted.qr_factor.equations, fitted.rows.joint)
+    remaining = np.isin(fitted.equations, fitted.rows.joint)
     equation = Equation(fitted.rows, fitted.weights[remaining])
     if fitted.propagated is None:
         return equation
@@ -527,10 +522,6 @@ def equation_of(fitted: FittedRows) -> Equation:
     of_noise = R @ fitted.propagated @ R.T / max(float(noise), 1e-300)
     squares, directions = safely(np.linalg.eigh, of_noise, what="the errors of springs")
     return replace(equation, errors=(Q, ((directions, np.sqrt(np.maximum(squares, 0.0))),)))
-
-
-_LOST = 1e-6
-"""Part of a column below which nothing is left of it next to the others but rounding."""
 
 
 def compared_candidates(
@@ -568,7 +559,7 @@ def _without_logs(
     errors = [Q @ directions * sizes for directions, sizes in effects]
     X = np.column_stack([equation.weight[:, None] * rows.H, *errors, equation.weight * rows.y])
     # |(1 + B B^T)^-1/2 r|^2, of `whitened`, is the least |r - B u|^2 + |u|^2.
-    shares = qr_factor.explained_apart(X, np.eye(X.shape[1])[p:-1], parts.values())
+    shares = explained_apart(X, np.eye(X.shape[1])[p:-1], parts.values())
     # As many independent rows as there may be, for which the criterion is largest.
     most, bics = 2 * len(rows.y) / ROWS_PER_PERIOD, dict[Candidate, float]()
     for x, share in zip(parts, shares, strict=False):  # without logs nothing is computed

@@ -42,6 +42,7 @@ from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
 from seaid.log import Motion, low_pass
 from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
+from seaid.regressor.base import regressor_at_drives
 
 if TYPE_CHECKING:
     from seaid.checks.columns import Side
@@ -49,10 +50,10 @@ if TYPE_CHECKING:
 
 # In a fit, as columns next to its equations
 
-_HIGHEST = {"motor": 6, "joint": 12, "mesh": 2}
-"""Highest orders that are tried, without odd ones above 6: turns and poles of the motor, turns of
-the joint, and the two lobes of strain-wave gears. Higher orders of the motor turn faster than a
-cutoff lets pass."""
+_ORDERS = {"motor": range(1, 7), "joint": (*range(1, 7), 8, 10, 12), "mesh": (1, 2)}
+"""Orders that are tried, without odd ones above 6: turns and poles of the motor, turns of the
+joint, and the two lobes of strain-wave gears. Higher orders of the motor turn faster than a cutoff
+lets pass."""
 
 
 def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -61,17 +62,14 @@ def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
         return
     drive = side.robot.drives[joint]
     known = {(harmonic.angle, harmonic.order) for harmonic in drive.harmonics}
-    for name, highest in _HIGHEST.items():
+    for name, usual in _ORDERS.items():
         width = max(float(np.ptp(angle)) for angle in _angles(side.drive(joint), name))
-        # A mesh that turns less has the orders of the motor.
-        may = {"joint": drive.joint_units[1] == "rad", "mesh": width >= 2 * np.pi * drive.ratio}
-        if not may.get(name, True):
+        is_of_motor = name == "mesh" and width < 2 * np.pi * drive.ratio  # it has the same orders
+        if is_of_motor or (name == "joint" and drive.joint_units[1] != "rad"):
             continue
-        for order in (k for k in range(1, highest + 1) if k <= 6 or k % 2 == 0):
-            # Less than half a period looks like the spring.
-            if (name, order) not in known and order * width >= np.pi:
-                columns = partial(_harmonic, side, joint, name, order)
-                yield engine.linear_candidate(joint, name, str(order), columns)
+        # Less than half a period looks like the spring.
+        orders = [k for k in usual if (name, k) not in known and k * width >= np.pi]
+        yield from _harmonics(side, joint, name, orders) if orders else ()
 
 
 def _angles(drive: DriveRows, name: str) -> list[Array]:
@@ -82,16 +80,21 @@ def _angles(drive: DriveRows, name: str) -> list[Array]:
     return [factor * signals[signal] for signals in drive.signals]
 
 
-def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
-    """Return the cosine and sine (R, 2) of an order, None if next to nothing is left of one."""
-    drive = side.drive(joint)
-    angles = [order * angle for angle in _angles(drive, name)]
-    pair = drive.at_rows([np.column_stack([np.cos(x), np.sin(x)]) for x in angles])
-    # |R_kk| is the norm of what the columns before leave of column k. The weight of a single
-    # equation does not change the basis.
-    sizes = np.abs(np.diag(np.linalg.qr(side.equation.residual_of(pair))[1]))
-    # the norm of a cosine over its periods is sqrt(R / 2)
-    return None if np.min(sizes) < tol.POOR * np.sqrt(0.5 * len(pair)) else pair
+def _harmonics(side: Side, joint: str, name: str, orders: list[int]) -> Iterator[engine.Candidate]:
+    """Yield the cosine and sine of each order, no columns if next to nothing is left of one."""
+    phases = [np.multiply.outer(angle, orders) for angle in _angles(side.drive(joint), name)]
+    # (R, 2 orders), which are filtered at once: all cosines, then all sines
+    pairs = side.drive(joint).at_rows([np.hstack([np.cos(x), np.sin(x)]) for x in phases])
+    rest = side.equation.residual_of(pairs)
+    for place, order in enumerate(orders):
+        # |R_kk| is the norm of what the columns before leave of column k. The weight of a single
+        # equation does not change the basis.
+        both = [place, place + len(orders)]
+        sizes = np.abs(np.diag(np.linalg.qr(rest[:, both])[1]))
+        # the norm of a cosine over its periods is sqrt(R / 2)
+        is_left = bool(np.min(sizes) >= tol.POOR * np.sqrt(0.5 * len(pairs)))
+        models = [engine.Alternative(pairs[:, both], 2)] * is_left
+        yield engine.Candidate(joint, name, str(order), partial(tuple, models))
 
 
 def _periodic(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
@@ -461,8 +464,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios that vary once per turn: theta = N (q + e q + c cos q + s sin q)."""
     robot = experiment.robot
     for j in _between_encoders(experiment):
-        q = experiment.turned[0][:, j]
-        drive = robot.drives[robot.joint_names[j]]
+        q, drive = experiment.turned[0][:, j], robot.drives[robot.joint_names[j]]
         other = drive.angle_ratio, drive.parallel_spring, drive.joint_friction, drive.transmission
         if any(other) or robot.is_prismatic[j] or np.ptp(q) < tol.POOR:
             continue
@@ -707,32 +709,33 @@ def _zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
     if side.robot.has_controllers:  # an offset moves the commands as well: `commands` looks at it
         return
     if not side.robot.is_prismatic[side.robot.index(joint)] and side.swing(joint) > tol.LEAST_SWING:
-        turned = partial(_turned, side, joint)
+        turned = partial(np.take, side.slopes, [side.robot.index(joint)], axis=1)
         yield engine.linear_candidate(joint, "offset", "joint_position", turned)
 
 
-_STEP_RAD = 1e-4
-"""Step of the difference quotient by a joint angle."""
-
-
-def _turned(side: Side, joint: str) -> Array:
-    """Return the derivative (R, 1) of the load's torque by the angle of a joint."""
-    return (side.torques_of(side.bodies, joint, _STEP_RAD) - side.torque_of_bodies) / _STEP_RAD
-
-
-def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
+def _searched_zero(side: Side, joint: str, start: float) -> tuple[float, float]:
     """Return the angle to be added to a joint, and its standard error, next to any bodies.
 
-    Gauss and Newton's steps, with the derivative at the angle of the log: the bodies were fitted at
-    the wrong zero, and change with it, and so do the weights of the equations.
+    Gauss and Newton's steps, with the slopes between the angle of the log and a first one, `start`:
+    the bodies were fitted at the wrong zero, and change with it, and so do the weights of the
+    equations.
     """
     assert side.base is not None
-    rows, count = side.equation.rows, len(side.base.grouping)
-    # (10N, p + 1): standard parameters per base parameter, and the known bodies in the last column.
-    onto = np.column_stack([side.base.least(np.eye(count)), side.robot.known_parameters])
-    turned_by = partial(side.torques_of, onto, joint, filtered=True)
-    before, ahead = (turned_by(angle=x) for x in (0.0, _STEP_RAD))
-    angle, change, derivative = 0.0, np.zeros_like(before), (ahead - before) / _STEP_RAD
+    base, robot, rows = side.base, side.robot, side.equation.rows
+    count, is_turned = len(base.grouping), np.array(robot.joint_names) == joint
+
+    def turned_by(angle: float) -> Array:
+        def columns_of(q: Array, v: Array, a: Array) -> Array:
+            Y = regressor_at_drives(robot, q + angle * is_turned, v, a)
+            return np.concatenate([base.reduce(Y), Y @ robot.known_parameters[:, None]], axis=2)
+
+        return side.filtered(columns_of)
+
+    # (R, p + 1): the base columns at the angle of the log, and the torque of the known bodies.
+    before = np.column_stack([rows.H[:, :count], side.torque_of_known])
+    # A first angle beyond a slight one is none, but an echo of what the bodies lack.
+    near = start if abs(start) < tol.SLIGHT else tol.LEAST_OFFSET
+    angle, change, slopes = 0.0, np.zeros_like(before), (turned_by(near) - before) / near
     for _ in range(MOST_STEPS):
         # (8) at the angle: (H + dH) theta = y - d tau_known. Columns of drives do not change.
         H, y = rows.H.copy(), rows.y - change[:, count]
@@ -740,13 +743,15 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
         turned = replace(rows, H=H, y=y)
         current = engine.Equation(turned, settled_weights(qr_factor_of(turned)))
         # (R, p + 1) @ (p + 1,): the derivative of the torque of all bodies by the angle.
-        slope = derivative @ np.append(current.values[:count], 1.0)
+        slope = slopes @ np.append(current.values[:count], 1.0)
         column = engine.Alternative(slope[:, None], 1)
         (correction,), (error,) = current.with_alternatives([column]).last(1)
         angle += float(correction)
         if abs(correction) < tol.POOR * error:
             break
-        change = turned_by(angle=angle) - before
+        # Next to the angle of the slopes the change is linear, up to their product.
+        is_near = abs(angle * (angle - near)) < tol.FEW * error
+        change = angle * slopes if is_near else turned_by(angle) - before
     return angle, float(error)
 
 
@@ -762,7 +767,7 @@ def _zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> 
     offset = next_to_others
     # The effect of a smaller offset is linear, and the errors contain it.
     if abs(offset) > tol.SURE * side.offset_std:
-        offset, error = _searched_zero(side, joint)
+        offset, error = _searched_zero(side, joint, offset)
     is_sure = abs(offset) >= tol.SIGNIFICANT * error and error <= tol.POOR
     if not is_sure or abs(offset) > np.pi or offset * next_to_others < 0:
         return None

@@ -461,13 +461,36 @@ def fitted_slope(columns: Array, y: Array, inflation: float) -> tuple[float, flo
     return (slope + reverse) / 2, math.hypot(error, (slope - reverse) / math.sqrt(12))
 
 
-def explained_squares(columns: Array, y: Array) -> float:
-    """Return the sum of squares of y (R,) that columns (R, c) explain."""
-    norms = np.linalg.norm(columns, axis=0)
-    if len(norms) == 1:
-        return float(columns[:, 0] @ y / max(norms[0], 1e-300)) ** 2
-    span = np.linalg.qr(columns / np.maximum(norms, 1e-300))[0]
-    return float(np.sum((span.T @ y) ** 2))
+_LOST = 1e-6
+"""Part of a column below which nothing is left of it next to the others but rounding."""
+
+
+def explained_squares(columns: Array, basis: Array, residual: Array, parts: IndexArray) -> Array:
+    """Return the sums of squares of a residual (R,) that some columns explain.
+
+    They are those of each of the `parts` (c,) of columns (R, c), next to an orthonormal basis
+    (R, p), of which the residual has nothing.
+    """
+    # Of X = columns - Q Q^T columns the products X^T X and X^T r are these.
+    seen, along = basis.T @ columns, columns.T @ residual
+    G = columns.T @ columns - seen.T @ seen
+    is_left = np.diag(G) > _LOST**2 * np.sum(columns**2, axis=0)
+    sizes = np.sqrt(np.where(is_left, np.diag(G), np.inf))
+    scaled = np.where(np.equal.outer(parts, parts), G / np.outer(sizes, sizes), 0.0)
+    # r^T X (X^T X)^-1 X^T r of each part alone
+    solution = np.linalg.solve(scaled + _LOST**2 * np.eye(len(parts)), along / sizes)
+    return np.asarray(np.bincount(parts, along / sizes * solution), dtype=float)
+
+
+def projected_out(X: Array, p: int) -> tuple[Array, Array]:
+    """Return coefficients (p, s) of the last s columns on the first p, and what is left."""
+    R = triangle(X)
+    svd = scaled_svd(R[:, :p])
+    kept = slice(svd.rank(ROUNDING))
+    # y - U U^T y: also right where the first p columns depend on each other.
+    seen = svd.left[:, kept].T @ R[:, p:]
+    scaled = svd.vectors[kept].T @ (seen / svd.sizes[kept, None])
+    return scaled / svd.norms[:, None], triangle(R[:, p:] - svd.left[:, kept] @ seen)
 
 
 def explained_apart(X: Array, prior: Array, parts: Collection[BoolArray]) -> Iterator[float]:

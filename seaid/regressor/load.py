@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, singledispatch
+from functools import cache, cached_property, partial, singledispatch
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -241,7 +241,7 @@ class LoadSide:
         Those are {index of an equation: factor (T,)}, zero where friction in it is not known, of
         the `equations` (R,) of the rows of a fit.
         """
-        known = partial(known_load_friction, self.robot, motion)
+        known = cache(partial(known_load_friction, self.robot, motion))
         return lambda torques: {i: x * known(i) for i, x in enumerate(torques.tolist()) if x}
 
     def in_pieces(self, motion: Motion, model: LoadModel) -> tuple[Motion, int]:

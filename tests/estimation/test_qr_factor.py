@@ -156,6 +156,11 @@ def test_posterior_whitening_and_explained_part_are_those_of_dense_matrices() ->
     common = U * sizes
     expected = sqrtm(np.linalg.inv(np.eye(9) + common @ common.T)) @ y
     np.testing.assert_allclose(whitened(y, U, [(np.eye(3), sizes)]), expected)
-    for columns in (effects, effects[:, :1]):
-        residual = y - columns @ np.linalg.lstsq(columns, y)[0]
-        assert explained_squares(columns, y) == pytest.approx(y @ y - residual @ residual)
+    parts = np.array([0, 0, 1, 1])
+    columns, basis = np.hstack([effects, effects[:, :1] + U[:, :1]]), U[:, :1]
+    rest = y - basis @ (basis.T @ y)
+    explained = explained_squares(columns, basis, rest, parts)
+    for part, squares in enumerate(explained):
+        larger = np.hstack([basis, columns[:, parts == part]])
+        residual = rest - larger @ np.linalg.lstsq(larger, rest)[0]
+        assert squares == pytest.approx(rest @ rest - residual @ residual)
