@@ -46,7 +46,8 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
     # down is the usual one, where a torque does not have the sign of gravity
     axes = [(sign * axis, tol.SLIGHT) for axis in np.eye(3) for sign in (1.0, -1.0)]
     best = [(x, 2.0) for x in [_best_gravity(experiment)] if x is not None]
-    for direction, penalty in [*axes[:-1], (-np.eye(3)[2], 0.0), *best]:
+    usual = [*axes[:-1], (-np.eye(3)[2], 0.0)] if np.nanmax(experiment.nominal) > tol.SEVERE else []
+    for direction, penalty in [*usual, *best]:
         tilt = math.acos(float(np.clip(direction @ now / size, -1, 1)))
         if tilt < tol.SLIGHT:
             continue
@@ -66,8 +67,7 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
 def _best_gravity(experiment: Experiment) -> Array | None:
     """Return the unit direction of gravity by which the nominal bodies explain most."""
     still = 0 * experiment.joint[1]
-    size = float(np.linalg.norm(experiment.robot.model.gravity.linear))
-    columns = []
+    size, columns = float(np.linalg.norm(experiment.robot.model.gravity.linear)), []
     for axis in np.eye(3):
         robot = _with_gravity(experiment, size * axis).robot
         # At rest a torque is linear in gravity: one column per axis has its effect exactly.

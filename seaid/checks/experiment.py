@@ -31,7 +31,7 @@ from seaid.log.description import changed_source
 from seaid.log.filtering import moving
 from seaid.log.rows import in_band_at
 from seaid.regressor import BaseParameters, base_parameters
-from seaid.regressor.base import regressor_at_drives
+from seaid.regressor.base import joint_torques, regressor_at_drives
 from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot, at_drives, at_joints, torques_at_drives
 
@@ -315,6 +315,14 @@ class Experiment:
         """Joints with a torque that changes."""
         return np.flatnonzero(self._torque_sizes > 0).tolist()
 
+    @cached_property
+    def doubted(self) -> list[int]:
+        """Used joints, of long robots those whose torques their files explain worst."""
+        if not (self.has_bodies and len(self.used) > SHORTLIST):
+            return self.used
+        squares = np.sum(self.unexplained.reshape(len(self.used), -1) ** 2, axis=1)
+        return sorted(np.array(self.used)[np.argsort(-squares)[:SHORTLIST]].tolist())
+
     @property
     def on_bodies(self) -> list[int]:
         """Used joints whose torque bodies explain: none on a base that unknown forces move."""
@@ -369,6 +377,10 @@ class Experiment:
     @derived("robot", "joint", "bodies")
     def of_file(self) -> Array:
         """The torques (R, n) of the bodies of the robot file and the payloads."""
+        robot, masses = self.robot, self.bodies[::10]
+        # Those of the model by recursion, in O(n) where the regressor has O(n^2) numbers.
+        if np.array_equal(robot.parameters + robot.payload_parameters, self.bodies) and all(masses):
+            return torques_at_drives(robot.transmission, joint_torques(robot, *self.joint))
         return np.asarray(self.regressor @ self.bodies)
 
     def scale(self, j: int) -> TorqueScale:
@@ -474,23 +486,6 @@ class Experiment:
         sizes = np.maximum(self._torque_sizes[used], _LEAST)
         rotors = is_of_file * np.minimum(x[:, -1, 0], 0.0) * np.std(self.loads[used, :, -1], axis=1)
         return residual, np.hypot(rms, np.hypot(self._driving(used, x[:, :2]), rotors)) / sizes
-
-    def _next_to_bodies(
-        self, joints: Sequence[int], rows: BoolArray, *columns: Sequence[Array]
-    ) -> tuple[Array, Array]:
-        """Return the torques of joints over their sizes as A x = b, with any bodies, by joint.
-
-        The first `columns` (R, k) are each of one joint alone. Equations that are not among the
-        `rows` (R, joints), and columns that are nothing but rounding, are zero.
-        """
-        of_each = (block_diag(*each) for each in columns)
-        A = np.hstack([*of_each, np.concatenate(self.columns[joints])])
-        # (R, joints) -> (joints R,): the equations are joint by joint.
-        weight = (rows / self._torque_sizes[joints]).T.ravel()
-        A *= weight[:, None]
-        norms = np.linalg.norm(A, axis=0)
-        A[:, norms < _TINY * np.max(norms)] = 0.0
-        return A, weight * self.target[:, joints].T.ravel()
 
     @derived(*_SIGNALS)
     def of_motors(self) -> Array:
@@ -598,9 +593,14 @@ class Experiment:
             rates = [self.lever[j] * self.torque_rate[:, [j]] for j in stiff]
             friction = [self._any_friction(j, bool(self._is_open[j])) for j in stiff]
             # At once, because a late torque spoils the bodies, and with them the other joints.
+            # (R, joints) -> (joints R,): the equations, over their torques, are joint by joint.
+            weight = (self._moving[:, stiff] / self._torque_sizes[stiff]).T.ravel()
+            of_each = [block_diag(*rates), block_diag(*friction)]
+            A = weight[:, None] * np.hstack([*of_each, np.concatenate(self.columns[stiff])])
+            norms = np.linalg.norm(A, axis=0)
+            A[:, norms < _TINY * np.max(norms)] = 0.0
             # The rates come first: x[:joints] are minus the delays.
-            A, b = self._next_to_bodies(stiff, self._moving[:, stiff], rates, friction)
-            x, covariance = fitted(A, b, len(stiff))
+            x, covariance = fitted(A, weight * self.target[:, stiff].T.ravel(), len(stiff))
             errors = np.sqrt(np.diag(covariance))
             delays |= {j: (-float(x[k]), float(errors[k])) for k, j in enumerate(stiff)}
         return delays
@@ -689,8 +689,7 @@ class Experiment:
         its first moments and m (2 (c.dc) 1 - dc c^T - c dc^T) to its inertia, and by its inertia.
         Known bodies are wrong by little.
         """
-        total = np.sum(np.abs(self.robot.parameters[::10]))
-        blocks = []
+        blocks, total = list[Array](), np.sum(np.abs(self.robot.parameters[::10]))
         for body in self.robot.parameters.reshape(-1, 10):
             mass, size = abs(body[0]), float(np.linalg.norm(body[1:4]))
             # cables, screws and covers weigh much next to a small body, little next to a large one
@@ -906,25 +905,28 @@ def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tu
     Newton. Computed torques in place of the logged ones are the instruments, because noise of a
     torque that is changed would bias least squares.
     """
-    value = start
+    # not `change` by nothing, which would derive all of the experiment again
+    value, weights = start, change(experiment, start) if start else experiment
+    changed = weights
     for _ in range(MOST_STEPS * experiment.has_bodies):
-        changed = change(experiment, value)
-        ahead, of_file = change(changed, STEP), changed.of_file
-        x, z = (
-            changed.weighed(change(each, STEP).target - each.target - ahead.of_file + of_file)
-            for each in (changed, changed.computed)
-        )
+        # of a long robot, whose factors take a second, the weights are those of the start
+        weights = changed if len(experiment.used) <= SHORTLIST else weights
+        ahead, left = change(changed, STEP), changed.target - changed.of_file
+        effect = ahead.target - ahead.of_file - left
+        instrument = change(changed.computed, STEP).target - changed.computed.target
+        instrument += changed.of_file - ahead.of_file
+        x, z, u = weights.weighed(np.stack([effect, instrument, left], axis=-1)).T
         # z . (u + d x / STEP) = 0 for a step d, where u is unexplained: z . u has the variance z.z
         slope, size = float(z @ x) / STEP, float(np.linalg.norm(z))
         if size >= tol.MOST * abs(slope):  # also if the change has no effect on any torque
             break
-        error = size / abs(slope)
-        step = -float(z @ changed.unexplained) / slope
+        step, error = -float(z @ u) / slope, size / abs(slope)
         # a first step that is no more than its error needs no second one
         enough = tol.POOR * max(error, tol.SLIGHT) if value else tol.SURE * error
         value += float(np.clip(step, -tol.MOST, tol.MOST))
         if abs(step) < enough:
             return value, error
+        changed = change(experiment, value)
     return 0.0, math.inf
 
 

@@ -97,8 +97,7 @@ class _Trial:
         # any bodies or those of the file: another mistake may contradict the latter, or one of the
         # two joints of an exchange
         misfit = np.fmin(changed.nominal, changed.free)
-        known = misfit[np.isfinite(misfit)]
-        middle = float(np.median(known)) if len(known) else 0.0
+        middle = float(np.nanmedian(misfit)) if np.any(np.isfinite(misfit)) else 0.0
         names = transform.joints or (transform.joint,) * bool(transform.joint)
         of_joints = misfit[[changed.robot.index(name) for name in names]]
         return float(np.nanmin(of_joints)) if np.any(np.isfinite(of_joints)) else middle, middle
@@ -455,7 +454,7 @@ _UNITS = {"mNm": 1e3, "Ncm": 1e2, "kNm": 1e-3}
 def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the torque of a joint; those of another unit may have another sign too."""
     rounding = float(np.finfo(float).eps)
-    for j, slope in ((j, scale.shown) for j, scale in experiment.scales.items()):
+    for j, slope in ((j, experiment.scales[j].shown) for j in experiment.doubted):
         is_reversed_only = slope < 0 and abs(math.log(-slope)) <= math.log(tol.FAR)
         # beyond, one of the torques is nothing but rounding next to the other
         if is_reversed_only or not rounding < abs(slope) < 1 / rounding:
@@ -673,7 +672,7 @@ def _behind_gears(experiment: Experiment, joints: Sequence[int], factor: float) 
 def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
     for j, scale in experiment.scales.items():
         joint, inertias, rotor = experiment.robot.joint_names[j], experiment.inertia, scale.rotor
-        if not rotor > 0 or abs(rotor - 1) < tol.SLIGHT:
+        if j not in experiment.doubted or not rotor > 0 or abs(rotor - 1) < tol.SLIGHT:
             continue
         # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
         for factor in near(rotor, experiment.lever[j] ** 2):
@@ -687,7 +686,7 @@ def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
 
 def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
     """Yield an undeclared spring parallel to a joint: to the fit it is a heavy body."""
-    for j in experiment.used:
+    for j in experiment.doubted:
         joint, is_own = experiment.robot.joint_names[j], np.arange(experiment.robot.n) == j
         # what the file leaves of the torque, over the angle
         stiffness, error = experiment.multiple(np.where(is_own, experiment.joint[0], 0.0))

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import math
 import re
 import tomllib
 import weakref
@@ -23,8 +24,10 @@ from seaid.checks.experiment import (
     SHORTLIST,
     Experiment,
     Transform,
+    best_value,
     experiment_of,
     multiplied,
+    scaled,
 )
 from seaid.checks.gears import linkages, small_springs
 from seaid.checks.setup import (
@@ -541,6 +544,32 @@ def test_exchanged_joints_of_a_large_robot_are_tried(exchanged: tuple[int, int])
     pairs = {*experiment(robot, log).pairs(range(robot.n))}
     assert exchanged in pairs
     assert len(pairs) < SHORTLIST * robot.n
+
+
+def test_of_a_long_robot_the_joints_that_its_file_explains_worst_are_doubted() -> None:
+    robot = load_robot("romeo", snap_tolerance_rad=0)
+    rng, time = np.random.default_rng(0), np.arange(0, 4, 0.004)
+    rates, phases = rng.uniform(1, 4, robot.n), rng.uniform(0, 6, robot.n)
+    angle = rates * time[:, None] + phases
+    q, v, a = 0.3 * np.sin(angle), 0.3 * rates * np.cos(angle), -0.3 * rates**2 * np.sin(angle)
+    torque = joint_torques(robot, q, v, a)
+    torque[:, 14] *= 3
+    log = log_with(robot.joint_names, time, joint_position=q, joint_torque=torque)
+    doubted = experiment(robot, log).doubted
+    assert 14 in doubted
+    assert len(doubted) == SHORTLIST < robot.n
+
+
+def test_an_experiment_is_not_changed_by_nothing() -> None:
+    values = list[float]()
+
+    def change(before: Experiment, value: float) -> Experiment:
+        values.append(value)
+        return scaled(before, {0: math.exp(value)}, "t")
+
+    best_value(experiment(arm(), arm_log()), change)
+    assert values
+    assert 0.0 not in values
 
 
 @pytest.mark.parametrize("known", [("torque_constant",), ()])
