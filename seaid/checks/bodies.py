@@ -46,8 +46,7 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
     # down is the usual one, where a torque does not have the sign of gravity
     axes = [(sign * axis, tol.SLIGHT) for axis in np.eye(3) for sign in (1.0, -1.0)]
     best = [(x, 2.0) for x in [_best_gravity(experiment)] if x is not None]
-    usual = [*axes[:-1], (-np.eye(3)[2], 0.0)] if np.nanmax(experiment.nominal) > tol.SEVERE else []
-    for direction, penalty in [*usual, *best]:
+    for direction, penalty in [*axes[:-1], (-np.eye(3)[2], 0.0), *best]:
         tilt = math.acos(float(np.clip(direction @ now / size, -1, 1)))
         if tilt < tol.SLIGHT:
             continue

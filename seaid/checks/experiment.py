@@ -30,8 +30,8 @@ from seaid.log import Motion, row_samples
 from seaid.log.description import changed_source
 from seaid.log.filtering import moving
 from seaid.log.rows import in_band_at
-from seaid.regressor import BaseParameters, base_parameters
-from seaid.regressor.base import joint_torques, regressor_at_drives
+from seaid.regressor import BaseParameters, base_parameters, joint_torques
+from seaid.regressor.base import regressor_at_drives
 from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot, at_drives, at_joints, torques_at_drives
 

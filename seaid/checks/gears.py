@@ -50,10 +50,10 @@ if TYPE_CHECKING:
 
 # In a fit, as columns next to its equations
 
-_ORDERS = {"motor": range(1, 7), "joint": (*range(1, 7), 8, 10, 12), "mesh": (1, 2)}
-"""Orders that are tried, without odd ones above 6: turns and poles of the motor, turns of the
-joint, and the two lobes of strain-wave gears. Higher orders of the motor turn faster than a cutoff
-lets pass."""
+_HIGHEST = {"motor": 6, "joint": 12, "mesh": 2}
+"""Highest orders that are tried, without odd ones above 6: turns and poles of the motor, turns of
+the joint, and the two lobes of strain-wave gears. Higher orders of the motor turn faster than a
+cutoff lets pass."""
 
 
 def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -62,12 +62,13 @@ def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
         return
     drive = side.robot.drives[joint]
     known = {(harmonic.angle, harmonic.order) for harmonic in drive.harmonics}
-    for name, usual in _ORDERS.items():
+    for name, highest in _HIGHEST.items():
         width = max(float(np.ptp(angle)) for angle in _angles(side.drive(joint), name))
         is_of_motor = name == "mesh" and width < 2 * np.pi * drive.ratio  # it has the same orders
         if is_of_motor or (name == "joint" and drive.joint_units[1] != "rad"):
             continue
         # Less than half a period looks like the spring.
+        usual = *range(1, min(highest, 6) + 1), *range(8, highest + 1, 2)
         orders = [k for k in usual if (name, k) not in known and k * width >= np.pi]
         yield from _harmonics(side, joint, name, orders) if orders else ()
 
@@ -93,8 +94,8 @@ def _harmonics(side: Side, joint: str, name: str, orders: list[int]) -> Iterator
         sizes = np.abs(np.diag(np.linalg.qr(rest[:, both])[1]))
         # the norm of a cosine over its periods is sqrt(R / 2)
         is_left = bool(np.min(sizes) >= tol.POOR * np.sqrt(0.5 * len(pairs)))
-        models = [engine.Alternative(pairs[:, both], 2)] * is_left
-        yield engine.Candidate(joint, name, str(order), partial(tuple, models))
+        models = partial(tuple, [engine.Alternative(pairs[:, both], 2)] * is_left)
+        yield engine.Candidate(joint, name, str(order), models)
 
 
 def _periodic(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:

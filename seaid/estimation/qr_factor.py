@@ -478,7 +478,8 @@ def explained_squares(columns: Array, basis: Array, residual: Array, parts: Inde
     sizes = np.sqrt(np.where(is_left, np.diag(G), np.inf))
     scaled = np.where(np.equal.outer(parts, parts), G / np.outer(sizes, sizes), 0.0)
     # r^T X (X^T X)^-1 X^T r of each part alone
-    solution = np.linalg.solve(scaled + _LOST**2 * np.eye(len(parts)), along / sizes)
+    scaled = scaled + _LOST**2 * np.eye(len(parts))
+    solution = safely(np.linalg.solve, scaled, along / sizes, what="columns")
     return np.asarray(np.bincount(parts, along / sizes * solution), dtype=float)
 
 
