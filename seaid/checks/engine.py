@@ -508,7 +508,7 @@ def equation_of(fitted: FittedRows) -> Equation:
     An equation of the fit may have lost all of its rows, those of a contact, and its weight goes.
     """
     assert fitted.rows is not None
-    remaining = np.isin(fitted.equations, fitted.rows.joint)
+    remaining = np.isin(fitted.qr_factor.equations, fitted.rows.joint)
     equation = Equation(fitted.rows, fitted.weights[remaining])
     if fitted.propagated is None:
         return equation

@@ -893,8 +893,8 @@ def added(robot: Robot, log: Log, angles: Mapping[int, Any]) -> Log:
     for j, angle in angles.items():
         more[:, j] = angle
     ratios = np.array([total_ratio(drive) for drive in robot.drives.values()])
-    moved = {"joint_position": log.joint_position + more}
-    return replace(log, motor_position=log.motor_position + ratios * more, **moved)
+    motor = log.motor_position + ratios * more
+    return replace(log, motor_position=motor, joint_position=log.joint_position + more)
 
 
 def test_a_factor_on_all_torques_and_a_payload_are_named_together() -> None:
