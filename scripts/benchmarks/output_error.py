@@ -18,7 +18,6 @@ import numpy as np
 
 import seaid
 from seaid._arrays import Array
-from seaid.estimation.nonlinear_least_squares import fisher_covariance
 from seaid.identification.motor_driven import MotorDriven, runs_of
 from seaid.identification.output_error import MeasuredTorques
 from seaid.identification.refined_parameters import layout_of
@@ -38,6 +37,7 @@ from scripts.identify_tulip_leg import (
     sensors,
 )
 from scripts.short_form import plan, sized
+from tests.estimation.cramer_rao import fisher_covariance
 
 DRAWS = sized(40, 1)
 WANTED = {

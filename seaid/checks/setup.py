@@ -250,8 +250,7 @@ def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) ->
             costs[transform], count = (cost + transform.penalty, nominal), count + 1
             changed.forget_rows()
             # of a robot with many joints there are thousands of transforms
-            ranked = (sorted(costs, key=lambda x: costs[x][k]) for k in range(2))
-            best = [x for each in ranked for x in each[:SHORTLIST]]
+            best = [x for k in (0, 1) for x in sorted(costs, key=lambda x: costs[x][k])[:SHORTLIST]]
             costs = {x: costs[x] for x in costs if x in best}
     # Only then: in the place of one that the log contradicts another would be compared that its
     # costs do not suggest.

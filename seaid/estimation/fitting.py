@@ -465,8 +465,7 @@ def with_further_columns(
     assert fit.rows is not None
     k = columns.shape[1]
     # y + columns x = H theta: on the side of theta the columns are negative.
-    names = [f"further {place}" for place in range(k)]
-    rows = fit.rows.with_columns(names, k * [""], -columns)
+    rows = fit.rows.with_columns([f"further {place}" for place in range(k)], k * [""], -columns)
     try:
         parts = factored(rows, fit.propagated)
         if not counts(solve(parts.whole, fit.weights).values[-k:]):

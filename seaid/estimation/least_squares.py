@@ -418,8 +418,7 @@ def with_drifts_of(
     """Return the estimate with the drift of rows in its covariance, if they have a cutoff."""
     if cutoff_hz is None or not np.isfinite(cutoff_hz):
         return estimate
-    drifts = drifts_of(rows, weights, cutoff_hz)
-    return with_drifts(estimate, solution.inverse, drifts)
+    return with_drifts(estimate, solution.inverse, drifts_of(rows, weights, cutoff_hz))
 
 
 def with_blocks(
@@ -442,8 +441,7 @@ def with_blocks(
     ]
     degrees = estimate.degrees_of_freedom
     freedom = np.inf if degrees is None else float(np.min(degrees, initial=np.inf))
-    variance = np.diag(estimate.covariance)
-    scatter = agreement(factors, noise, solution.root, variance, freedom)
+    scatter = agreement(factors, noise, solution.root, np.diag(estimate.covariance), freedom)
     scale = np.sqrt(scatter.factors)
     # An enlarged variance is that between the blocks, and has their degrees of freedom.
     fewer = np.where(scale > 1, float(scatter.blocks - 1), np.inf)
@@ -468,8 +466,7 @@ def _with_targets(
     if propagated is None or not qr_factor.propagated.shape[2]:
         return estimate
     # d theta = (H^T W^2 H)^-1 H^T W^2 C d for an error d of the propagated parameters.
-    moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
-    sensitivity = solution.inverse @ moments
+    sensitivity = solution.inverse @ np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
     from_targets = sensitivity @ propagated @ sensitivity.T
     white = estimate.white_standard_errors
     assert white is not None

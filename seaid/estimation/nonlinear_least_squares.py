@@ -121,8 +121,9 @@ def _step_of(
     p = int(np.sum(free))
     # The merit is at x, with the best noise levels there; the step is weighted by those after it.
     unmoved = _converged_stds(free_logs, distance, precision, frozen=True)
-    merit = _merit(free_logs, unmoved)
-    merit += float(np.sum((precision * distance) ** 2)) / 2
+    # Residuals per channel times log standard deviation, and the prior.
+    of_logs = sum(np.sum(x.kept, (0, 1)) @ np.log(unmoved[x.channels]) for x in free_logs)
+    merit = float(of_logs + np.sum((precision * distance) ** 2) / 2)
     stds = _converged_stds(free_logs, distance, precision, frozen=False)
     J, r = _projected(logs, stds)
     # Held parameters with a prior, fixed or at a bound: their prior errors reach the others.
@@ -201,8 +202,7 @@ class Point(Generic[LogType]):
     @cached_property
     def step(self) -> Step:
         """The next step."""
-        logs = [log.residuals for log in self.logs]
-        return gauss_newton_step(logs, self.parameters, self.x)
+        return gauss_newton_step([log.residuals for log in self.logs], self.parameters, self.x)
 
     @property
     def size(self) -> float:
@@ -321,14 +321,6 @@ def _autocorrelation(residual: Array, most: float) -> Array:
     return np.asarray(correlation[:bandwidth] * np.minimum(2 - 2 * lag / (bandwidth + 1), 1.0))
 
 
-def fisher_covariance(
-    logs: Sequence[Residuals], parameters: Sequence[Parameter], stds: Array
-) -> Array:
-    """Return the Cramer-Rao bound (p, p) of the covariance, for white noise of `stds` (C,)."""
-    J = np.vstack([_projected(logs, stds)[0], np.diag(1 / priors_of(parameters)[1])])
-    return _solve(J, np.zeros(len(J)), [parameter.name for parameter in parameters])[1]
-
-
 _MOST_NOISE = 0.9
 """Part of the information in any combination of the parameters that may be noise.
 
@@ -383,8 +375,7 @@ def _converged_stds(
     logs: Sequence[Residuals], distance: Array, precision: Array, frozen: bool
 ) -> Array:
     """Return the converged standard deviations (C,), with the parameters `frozen` or free."""
-    p = len(distance)
-    change = np.zeros(p)
+    change = np.zeros(len(distance))
     shapes = [(len(log.nuisance), log.nuisance.shape[3]) for log in logs]  # (W, s)
     stds = _stds(logs, change, tuple(map(np.zeros, shapes)))
     for _ in range(_REWEIGHTINGS):
@@ -394,8 +385,7 @@ def _converged_stds(
             # its triangle has the same solution, and p + 1 rows
             R = safely(np.linalg.qr, np.column_stack([J, r]), what=_MATRICES, mode="r")
             change = -scaled_svd(R[:, :-1], _MATRICES).solve(R[:, -1], 0.0)
-        nuisance = tuple(_nuisance(log, stds, change) for log in logs)
-        new = _stds(logs, change, nuisance)
+        new = _stds(logs, change, tuple(_nuisance(log, stds, change) for log in logs))
         is_converged = np.allclose(new, stds, rtol=1e-4)
         stds = new
         if is_converged:
@@ -412,11 +402,6 @@ def _stds(logs: Sequence[Residuals], change: Array, nuisance: tuple[Array, ...])
         total[log.channels] += np.sum(np.where(log.kept, after, 0.0) ** 2, axis=(0, 1))
         count[log.channels] += np.sum(log.kept, axis=(0, 1))
     return np.asarray(np.maximum(np.sqrt(total / np.maximum(count, 1)), LEAST_STD))
-
-
-def _merit(logs: Sequence[Residuals], stds: Array) -> float:
-    """Return the number of residuals per channel times log standard deviation, summed."""
-    return float(sum(np.sum(log.kept, (0, 1)) @ np.log(stds[log.channels]) for log in logs))
 
 
 def _projected(logs: Sequence[Residuals], stds: Array) -> tuple[Array, Array]:

@@ -344,8 +344,7 @@ def joined_rows(
         )
         for condition, part in rows.items()
     ]
-    counts = (int(np.max(part.run, initial=-1.0)) + 1 for part in parts)
-    starts = accumulate(counts, initial=0)
+    starts = accumulate((int(np.max(part.run, initial=-1.0)) + 1 for part in parts), initial=0)
     run = np.concatenate([part.run + start for part, start in zip(parts, starts, strict=False)])
     return replace(stacked(parts), run=run)
 

@@ -52,8 +52,7 @@ class QRFactor:
 
     def __post_init__(self) -> None:
         equations, p = len(self.equations), len(self.names)
-        shapes = {"factors": (equations, None, p + 1), "propagated": (equations, p, None)}
-        freeze(self, shapes)
+        freeze(self, {"factors": (equations, None, p + 1), "propagated": (equations, p, None)})
 
     @property
     def count(self) -> int:
@@ -527,18 +526,17 @@ def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> lis
     Each block has every `count`-th of `count * segments` segments in time, which have equal numbers
     of rows.
     """
-    # By log, then by time: all joints of an instant are in one segment, but at its ends.
-    order = np.lexsort((rows.time, rows.run))
-    place = np.argsort(order)
-    # Segment s of count * segments is in block s mod count.
-    block = place * count * segments // max(len(order), 1) % count
-    masks = [np.asarray(block == place) for place in range(count)]
-    if len(order) < count * 2 or len(order) * (count - 1) / count <= rows.H.shape[1]:
+    size, p = len(rows.y), rows.H.shape[1]
+    if size < count * 2 or size * (count - 1) / count <= p:
         raise IdentificationError(
-            f"{len(order)} rows are too few to exclude one of {count} blocks and estimate "
-            f"{rows.H.shape[1]} parameters from the others: record a longer log"
+            f"{size} rows are too few to exclude one of {count} blocks and estimate {p} parameters "
+            "from the others: record a longer log"
         )
-    return masks
+    # By log, then by time: all joints of an instant are in one segment, but at its ends.
+    place = np.argsort(np.lexsort((rows.time, rows.run)))
+    # Segment s of count * segments is in block s mod count.
+    block = place * count * segments // size % count
+    return [np.asarray(block == number) for number in range(count)]
 
 
 def posterior(effects: Array, y: Array, widths: Array) -> tuple[Array, Array]:

@@ -124,8 +124,7 @@ class Program:
     def scaled(self, unknowns: Array) -> Array:
         """Return the pseudo-inertias Q (n, 4, 4) of unknowns (f,), the identity at the prior."""
         half = np.linalg.inv(self.prior_roots)
-        bodies = unknowns[: self.prior.size].reshape(-1, 10)
-        inertias = [pseudo_inertia(body) for body in bodies]
+        inertias = [pseudo_inertia(x) for x in unknowns[: self.prior.size].reshape(-1, 10)]
         return np.asarray(half @ inertias @ half.transpose(0, 2, 1))
 
     def bodies(self, Q: Array) -> Array:
@@ -337,8 +336,7 @@ def _search(
         if is_centred and decrement < _sufficient(used, point.chi_square, is_stuck, is_stalled):
             # With the estimate d and the Hessian J^T J, du/dd = 2 [(J^T J)^-1]_uu: its trace is the
             # number of values that follow the data.
-            effective = 2 * float(np.sum(system.variances()[: point.p]))
-            return Minimum(moved or point, used, effective)
+            return Minimum(moved or point, used, 2 * float(np.sum(system.variances()[: point.p])))
         if moved is None:
             break
         point, before = moved, decrement if is_centred else np.inf
@@ -635,8 +633,7 @@ def of_least_risk(
         return max(likely, key=lambda point: min(point.weight, _EQUAL_WEIGHT))
     around = best.weight * 10**0.5, best.weight / 10**0.5
     inner = [weight for weight in around if resolved[-1] < weight < resolved[0]]
-    points = [best, *(regularised(program, weight) for weight in inner)]
-    return min(points, key=attrgetter("risk"))
+    return min([best, *(regularised(program, x) for x in inner)], key=attrgetter("risk"))
 
 
 def _falling_fits(program: Program, least: float, weights: Sequence[float]) -> list[FeasiblePoint]:

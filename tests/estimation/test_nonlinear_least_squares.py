@@ -22,7 +22,6 @@ from seaid.estimation.nonlinear_least_squares import (
     Residuals,
     _autocorrelated_covariance,
     _autocorrelation,
-    fisher_covariance,
     gauss_newton_search,
     gauss_newton_step,
     information,
@@ -30,6 +29,7 @@ from seaid.estimation.nonlinear_least_squares import (
     separable_least_squares,
     without_information,
 )
+from tests.estimation.cramer_rao import fisher_covariance
 from tests.standard_errors import check_scores
 
 WINDOWS, BLOCKS, CHANNELS, P, OWN = 8, 50, 2, 3, 2
