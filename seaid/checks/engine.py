@@ -29,17 +29,8 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid.checks.tolerances import CONFIDENCE, NEGLIGIBLE, SIGNIFICANT, SLIGHT
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
+from seaid.estimation import qr_factor
 from seaid.estimation.covariance import long_run_of
-from seaid.estimation.qr_factor import (
-    SEGMENTS,
-    explained_apart,
-    explained_squares,
-    projected_out,
-    scaled_svd,
-    time_blocks,
-    triangle,
-    whitened,
-)
 from seaid.log.filtering import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
@@ -162,14 +153,15 @@ def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _S
     parts = [rows.H[:, core], rows.H[:, replaced], *(model.columns for model in alternatives)]
     X = equation.weighted(np.column_stack([*parts, rows.y]))
     # The factors R_b of the blocks have all sums of squares that follow: R_b^T R_b = X_b^T X_b.
-    factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
+    blocks = qr_factor.time_blocks(rows, segments=qr_factor.SEGMENTS)
+    factors = [qr_factor.triangle(X[block]) for block in blocks]
     joint_factor = np.concatenate(factors)
     # What the core leaves of the other columns and of y has the residuals of the whole model.
-    whole = projected_out(joint_factor, len(core))[1]
+    whole = qr_factor.projected_out(joint_factor, len(core))[1]
     # The first p columns of X, core and replaced, are all of the smaller model. The rest is row by
     # row, not a factor: the autocorrelation of the residual needs the order in
     # time.
-    rest = X[:, p:] - X[:, :p] @ projected_out(joint_factor, p)[0]
+    rest = X[:, p:] - X[:, :p] @ qr_factor.projected_out(joint_factor, p)[0]
     ends = np.cumsum([0, *(model.H.shape[1] for model in alternatives)]).tolist()
     places = dict(zip(alternatives, map(range, ends, ends[1:]), strict=True))
     return _SharedModel(equation, replaced, len(core), places, factors, whole, rest)
@@ -271,7 +263,7 @@ def _independent_rows(rows: Regression, columns: Array, residual: Array) -> floa
     period of the cutoff (rows are decimated to ROWS_PER_PERIOD of them): below a low pass there are
     no more, whatever few rows seem to show.
     """
-    svd = scaled_svd(columns)
+    svd = qr_factor.scaled_svd(columns)
     error = residual - columns @ svd.solve(residual)
     # The left singular vectors are orthonormal columns with the same span: (H^T H)^-1 is 1.
     scores = long_run_of(svd.left[:, : max(svd.rank(), 1)], error, rows.time, rows.run)
@@ -302,7 +294,7 @@ def _held_out(factors: Sequence[Array], core: int) -> tuple[Array, Array]:
     for place, block in enumerate(factors):
         # Factors add up by stacking: without block b there is no pass over the rows again.
         others = np.concatenate([*factors[:place], *factors[place + 1 :]])
-        coefficients, rest = projected_out(others, core)
+        coefficients, rest = qr_factor.projected_out(others, core)
         # Few rows leave a factor with fewer of them than columns: the others are zero.
         rests[place, : len(rest)] = rest
         blocks[place, : len(block)] = block[:, core:] - block[:, :core] @ coefficients
@@ -315,7 +307,7 @@ def _squares(R: Array, rows: Array, columns: Iterable[int]) -> Array:
     Both (..., m, c) may be stacked.
     """
     places = list(columns)
-    theta = scaled_svd(R[..., places]).inverses @ R[..., -1:]
+    theta = qr_factor.scaled_svd(R[..., places]).inverses @ R[..., -1:]
     return np.asarray(np.sum((rows[..., -1:] - rows[..., places] @ theta) ** 2, axis=(-2, -1)))
 
 
@@ -424,7 +416,7 @@ class Equation:
 
     def weighted(self, columns: Array) -> Array:
         """Return columns (R, c) times the root of the inverse covariance of the residual."""
-        return whitened(self.weight[:, None] * columns, *self.errors)
+        return qr_factor.whitened(self.weight[:, None] * columns, *self.errors)
 
     @cached_property
     def basis(self) -> Array:
@@ -446,12 +438,12 @@ class Equation:
     @cached_property
     def values(self) -> Array:
         """The parameters (p,) by least squares with the weights, zero of columns of zeros."""
-        return np.asarray(scaled_svd(self.factor[:, :-1]).solve(self.factor[:, -1]))
+        return np.asarray(qr_factor.scaled_svd(self.factor[:, :-1]).solve(self.factor[:, -1]))
 
     @cached_property
     def factor(self) -> Array:
         """The triangular factor of the weighted columns and torques [H y]."""
-        return triangle(self.weighted(np.column_stack([self.rows.H, self.rows.y])))
+        return qr_factor.triangle(self.weighted(np.column_stack([self.rows.H, self.rows.y])))
 
     def last(self, count: int) -> tuple[Array, Array]:
         """Return the last parameters (count,), and their standard errors (count,).
@@ -459,7 +451,7 @@ class Equation:
         The errors allow for autocorrelation, as those of the estimate do.
         """
         rows, X = self.rows, self.weighted(self.rows.H)
-        svd = scaled_svd(self.factor[:, :-1])
+        svd = qr_factor.scaled_svd(self.factor[:, :-1])
         kept = slice(svd.rank())
         # root root^T = (X^T X)^+ in the units of the parameters.
         root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
@@ -488,7 +480,7 @@ class Equation:
         acting = np.flatnonzero(np.any(whole != 0, axis=1))
         parts = np.repeat(np.arange(len(columns)), [x.shape[1] for x in columns])
         of_rows = whole[acting], self.basis[acting], self.residual[acting]
-        return bool(np.max(explained_squares(*of_rows, parts), initial=0.0) > needed)
+        return bool(np.max(qr_factor.explained_squares(*of_rows, parts), initial=0.0) > needed)
 
     def with_alternatives(self, alternatives: Iterable[Alternative]) -> Equation:
         """Return the equation with the columns of alternatives, zero where these replace others."""
@@ -559,7 +551,7 @@ def _without_logs(
     errors = [Q @ directions * sizes for directions, sizes in effects]
     X = np.column_stack([equation.weight[:, None] * rows.H, *errors, equation.weight * rows.y])
     # |(1 + B B^T)^-1/2 r|^2, of `whitened`, is the least |r - B u|^2 + |u|^2.
-    shares = explained_apart(X, np.eye(X.shape[1])[p:-1], parts.values())
+    shares = qr_factor.explained_apart(X, np.eye(X.shape[1])[p:-1], parts.values())
     # As many independent rows as there may be, for which the criterion is largest.
     most, bics = 2 * len(rows.y) / ROWS_PER_PERIOD, dict[Candidate, float]()
     for x, share in zip(parts, shares, strict=False):  # without logs nothing is computed
