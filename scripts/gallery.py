@@ -304,7 +304,7 @@ def report_hebi(path: Path) -> None:
 
 
 def first_screen(page: Path, path: Path) -> None:
-    """Draw the first screen of a page, in light, and in dark beside the style of the site.
+    """Draw the first screen of a page, in light, and in dark next to the style of the site.
 
     The description of the picture has its words for tests to read.
     """

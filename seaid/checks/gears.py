@@ -259,9 +259,9 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
         span = scaled_svd(np.column_stack([logs, logs * experiment.time, *deflection])[rows]).spans
         X = np.column_stack([steps, experiment.apart[:, j]])[rows]
         X -= span @ (span.T @ X)
-        # A step of which the other columns leave less than at one instant is an offset at the end
+        # A step of which the other columns leave less than at two instants is an offset at the end
         # of a log, or friction at a reversal.
-        squares = np.maximum(np.sum(X[:, :-1] ** 2, axis=0), 1.0)
+        squares = np.maximum(np.sum(X[:, :-1] ** 2, axis=0), 2.0)
         projected = X[:, :-1].T @ X[:, -1]
         i = int(np.argmax(projected**2 / squares))
         step = float(projected[i] / squares[i])

@@ -108,7 +108,7 @@ def test_velocity_commands_have_the_gain_of_the_measured_velocity(
     columns["pendulum.velocity_command_rad_per_s"] = np.gradient(q, time)
     if has_position:
         columns["pendulum.position_command_rad"] = q
-    laws = {"pendulum": seaid.Controller(**gains)} if gains else None
+    laws = {"pendulum": seaid.Controller(**gains)} if gains else {}
     made, drives = servo_project_of(tmp_path, columns, controllers=laws)
     assert any("count as sent to the drive" in doubt for doubt in made.doubts)
     kind = "position" if has_position else "velocity"
