@@ -139,7 +139,9 @@ def claimed() -> dict[str, float]:
     runs = tomllib.loads((ROOT / "docs/claims.toml").read_text("utf-8"))
     figures = dict[str, float]()
     for run in runs.values():
-        only = re.fullmatch(r"python scripts/benchmarks/fast\.py --only (\w+)", run.get("command", ""))
+        only = re.fullmatch(
+            r"python scripts/benchmarks/fast\.py --only (\w+)", run.get("command", "")
+        )
         row = ROWS.get(only[1]) if only else None
         if row is not None and row.prepare is not None and "over" in row.how and "ratio" in run:
             figures[only[1]] = float(run["ratio"]["figure"])  # type: ignore[index]
