@@ -506,8 +506,7 @@ class Experiment:
         """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
         misfit = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.both).tolist():
-            rows, columns = self.counted[:, j], with_constant(self.deflection(j))
-            apart = qr_factor.residual_of(self.apart[rows, j], columns[rows])
+            apart = qr_factor.residual_of(self.apart[:, j], with_constant(self.deflection(j)))
             misfit[j] = float(np.std(apart)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
         return misfit
 

@@ -252,12 +252,10 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     last = float(np.max(experiment.time)) + 1  # the low pass takes less from the end of a log
     findings, motor, counted = list[Finding](), experiment.motor.copy(), experiment.counted.copy()
     for j in _between_encoders(experiment):
-        # The rotor has a column of its own, because a step spoils the inertia that (7) gave it. The
-        # friction of a motor that stands is anything.
-        rows = experiment.in_motion.counted[:, j]
+        # The rotor has a column of its own, because a step spoils the inertia that (7) gave it.
         deflection = [experiment.deflection(j), experiment.motor[2][:, j]]
-        span = scaled_svd(np.column_stack([logs, logs * experiment.time, *deflection])[rows]).spans
-        X = np.column_stack([steps, experiment.apart[:, j]])[rows]
+        span = scaled_svd(np.column_stack([logs, logs * experiment.time, *deflection])).spans
+        X = np.column_stack([steps, experiment.apart[:, j]])
         X -= span @ (span.T @ X)
         # A step of which the other columns leave less than at two instants is an offset at the end
         # of a log, or friction at a reversal.

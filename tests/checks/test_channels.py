@@ -85,10 +85,8 @@ def test_a_coupling_that_slips_within_a_log_is_named_with_its_time(
     assert "loose-encoder" not in {code for code, _ in codes}
 
 
-@pytest.mark.parametrize(("start_s", "end_s"), [(2.0, 3.5), (6.0, 7.0), (8.0, 9.5)])
-def test_friction_at_a_reversal_and_at_rest_is_no_slip_of_a_short_log(
-    start_s: float, end_s: float
-) -> None:
+@pytest.mark.parametrize(("start_s", "end_s"), [(2.0, 3.5), (2.0, 3.0)])
+def test_friction_at_a_reversal_is_no_slip_of_a_short_log(start_s: float, end_s: float) -> None:
     """Few instants, of which the other columns of an experiment leave little."""
     plan = seaid.load_trajectory(MODELS / "tulip_plan.json")
     log = seaid.simulate(leg(TEST_MASS), plan, seed=1).between(start_s, end_s)
