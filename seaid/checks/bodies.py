@@ -83,14 +83,11 @@ def _best_gravity(experiment: Experiment) -> Array | None:
 def lengths(experiment: Experiment) -> Iterator[Transform]:
     """Yield other distances between joints: of each, and of all as in a robot of another size."""
     for joint in (*experiment.robot.joint_names[1:], ""):
-        what, line = "the size of the robot", "all lengths, centres of mass included,"
+        what, line = f"the distance of {joint} from the joint before it", f"origin of {joint}: xyz"
+        if not joint:
+            what, line = "the size of the robot", "all lengths, centres of mass included,"
         # Next to an unknown factor on all masses that of the size has a large error.
         least = tol.SURE if joint else 1.0
-        if joint:
-            what, line = (
-                f"the distance of {joint} from the joint before it",
-                f"origin of {joint}: xyz",
-            )
         for factor, error, penalty in best_factors(experiment, partial(_with_length, joint), least):
             std, changed = factor * error, _with_length(joint, experiment, math.log(factor))
             text = f"{what} is {factor:.3g} +- {std:.2g} times that of the robot file"

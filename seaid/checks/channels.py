@@ -18,7 +18,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Channel, Observation, channels_of, in_description, in_drives
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
-from seaid.errors import Certainty, Finding, Severity, listed
+from seaid.errors import Finding, Severity, listed
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
 from seaid.log.channels import UNIT_FACTORS
@@ -64,12 +64,12 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
             unit = min(rates, key=lambda unit: abs(float(np.log(rates[unit] / usual_hz))))
             text = f"its time seems to be in {unit}, which gives {rates[unit]:.4g} Hz"
             remedy = f"in the description of the log:\ntime = {as_toml(source | {'unit': unit})}"
-        message, evidence = (
+        yield CODES["time-unit"].wrong(
             f"the log has {rate:.3g} samples per second: {text}",
-            {"rate [Hz]": rate},
+            evidence={"rate [Hz]": rate},
+            remedy=remedy,
+            certainty="certain" if rates else "likely",
         )
-        sure: Certainty = "certain" if rates else "likely"
-        yield CODES["time-unit"].finding(message, "", "wrong", evidence, remedy, sure)
 
 
 def _changed(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, Any]]:
@@ -413,12 +413,11 @@ def _standing(logged: Logged) -> Iterator[Finding]:
     swings = [float(np.ptp(side)) for side in sides if np.all(np.isfinite(side))]
     if not swings or max(swings) >= tol.LEAST_SWING or locked_outputs(logged.robot, logged.logs):
         return
-    text = f"the robot hardly moves: its widest motion is {max(swings):.2g} rad or m"
-    remedy, evidence = (
-        "record a wider motion: seaid excite plans one",
-        {"widest motion": max(swings)},
+    yield CODES["standstill"].finding(
+        f"the robot hardly moves: its widest motion is {max(swings):.2g} rad or m",
+        evidence={"widest motion": max(swings)},
+        remedy="record a wider motion: seaid excite plans one",
     )
-    yield CODES["standstill"].finding(text, evidence=evidence, remedy=remedy)
 
 
 def without_torque(findings: Iterable[Finding]) -> set[str]:

@@ -413,14 +413,16 @@ def _declared(experiment: Experiment, springs: Mapping[int, _Spring]) -> Transfo
     text = [f"{names[j]} by {x.stiffness:.3g} +- {x.error:.2g} N m/rad" for j, x in springs.items()]
     message = "the encoders move apart in proportion to the torque, as on both sides of a spring "
     message += f"({listed(text)}), and the drives are given as stiff"
-    lines = codes.in_drives({(names[j],): 'type = "series_elastic"' for j in springs})
     evidence = {f"stiffness of {names[j]}": x.stiffness for j, x in springs.items()}
-    changed, joint = (
+    return Transform(
+        codes.CODES["gear-compliance"],
+        message,
         experiment.with_changes(motor=motor),
         codes.only_joint([names[j] for j in springs]),
+        codes.in_drives({(names[j],): 'type = "series_elastic"' for j in springs}),
+        evidence=evidence,
+        penalty=float(len(springs)),
     )
-    of_springs = codes.CODES["gear-compliance"], message, changed, joint, lines
-    return Transform(*of_springs, evidence=evidence, penalty=float(len(springs)))
 
 
 class _Spring(NamedTuple):

@@ -564,14 +564,16 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
         yield _behind_gears(experiment, used, middle)
     # `bodies` include the payloads, `robot.parameters` do not: these were weighed.
     heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
-    text = f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
-    text += "nominal values, or a payload that was not given"
-    of_file = CODES["nominal-values"], text, experiment.with_changes(bodies=heavier), ""
-    advice, evidence = (
-        "correct the masses in the robot file, or name the payload",
-        {"factor": middle},
+    yield Transform(
+        CODES["nominal-values"],
+        f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
+        "nominal values, or a payload that was not given",
+        experiment.with_changes(bodies=heavier),
+        severity="note",
+        remedy="correct the masses in the robot file, or name the payload",
+        evidence={"factor": middle},
+        penalty=1.0,
     )
-    yield Transform(*of_file, advice, "note", evidence, penalty=1.0)
 
 
 def _ratings(experiment: Experiment) -> Iterator[Transform]:

@@ -531,14 +531,20 @@ def test_no_more_trials_are_in_memory_than_are_compared() -> None:
     assert len(references) >= 4 * SHORTLIST
 
 
-@pytest.mark.parametrize("exchanged", [(5, 20), (14, 15), (20, 27)])  # no torque of 5, and of 27
-def test_exchanged_joints_of_a_large_robot_are_tried(exchanged: tuple[int, int]) -> None:
+def large_robot() -> tuple[Robot, Array, Array, Array]:
+    """Return Romeo, and the time, positions and torques of a motion of all its joints."""
     robot = load_robot("romeo", snap_tolerance_rad=0)
     rng, time = np.random.default_rng(0), np.arange(0, 4, 0.004)
     rates, phases = rng.uniform(1, 4, robot.n), rng.uniform(0, 6, robot.n)
     angle = rates * time[:, None] + phases
     q, v, a = 0.3 * np.sin(angle), 0.3 * rates * np.cos(angle), -0.3 * rates**2 * np.sin(angle)
     torque = joint_torques(robot, q, v, a)
+    return robot, time, q, torque
+
+
+@pytest.mark.parametrize("exchanged", [(5, 20), (14, 15), (20, 27)])  # no torque of 5, and of 27
+def test_exchanged_joints_of_a_large_robot_are_tried(exchanged: tuple[int, int]) -> None:
+    robot, time, q, torque = large_robot()
     q[:, exchanged] = q[:, exchanged[::-1]]
     log = log_with(robot.joint_names, time, joint_position=q, joint_torque=torque)
     pairs = {*experiment(robot, log).pairs(range(robot.n))}
@@ -547,12 +553,7 @@ def test_exchanged_joints_of_a_large_robot_are_tried(exchanged: tuple[int, int])
 
 
 def test_of_a_long_robot_the_joints_that_its_file_explains_worst_are_doubted() -> None:
-    robot = load_robot("romeo", snap_tolerance_rad=0)
-    rng, time = np.random.default_rng(0), np.arange(0, 4, 0.004)
-    rates, phases = rng.uniform(1, 4, robot.n), rng.uniform(0, 6, robot.n)
-    angle = rates * time[:, None] + phases
-    q, v, a = 0.3 * np.sin(angle), 0.3 * rates * np.cos(angle), -0.3 * rates**2 * np.sin(angle)
-    torque = joint_torques(robot, q, v, a)
+    robot, time, q, torque = large_robot()
     torque[:, 14] *= 3
     log = log_with(robot.joint_names, time, joint_position=q, joint_torque=torque)
     doubted = experiment(robot, log).doubted
