@@ -1,14 +1,27 @@
 """Write the index and a section for each code into `docs/warnings.md`, from `seaid.checks.CODES`.
 
 python -m scripts.warnings_page
+
+A section says what the checks of its code need of a log, if all that find it need something.
 """
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
-from seaid.checks import CODES
+from seaid.checks import CODES, model, setup, verdict
+from seaid.checks.codes import Code
+from seaid.errors import listed
+from seaid.legged import base, contacts, extension, feet
+
+CHECKS: tuple[Any, ...] = (
+    *(*setup.OF_LOGS, *setup.OF_MOTION, *setup.MISTAKES, *setup.OF_COMMANDS, *setup.OF_REST),
+    *(*model.COLUMN_CHECKS, *verdict.OF_FIT),
+    *(*base.RECORD_CHECKS, *feet.MOTION_CHECKS, *contacts.FEET_CHECKS, *extension.LATE_CHECKS),
+)
+"""All checks that are declared: of logs, of motions, of equations, and of legged robots."""
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/warnings.md"
 
@@ -17,13 +30,20 @@ _INDEX = re.compile(rf"(?<=<!-- index: {_MADE}).*(?=<!-- end of the index -->)",
 _SECTIONS = re.compile(rf"(?<=<!-- codes: {_MADE}).*(?=<!-- end -->)", re.S)
 
 
+def needs_of(code: Code) -> str:
+    """Return what a log needs for a code to be found, as a sentence; "" if nothing."""
+    checks = [check for check in CHECKS if check.code is code]
+    needs = dict.fromkeys(listed(need.words for need in check.needs) for check in checks)
+    return f"**Looked for with:** {'; or with '.join(needs)}.\n\n" if needs and all(needs) else ""
+
+
 def page_with_sections(page: str) -> str:
     """Return the text of the page with its index, and a section for each code named after it."""
     index = " · ".join(f"[{name}](#{name})" for name in sorted(CODES))
     sections = "".join(
         f"\n### {code.name}\n\n"
         f"`{code.name}` names {code.meaning}.\n\n"
-        f"**Cause:** {code.cause}\n\n**Advice:** {code.advice}\n"
+        f"{needs_of(code)}**Cause:** {code.cause}\n\n**Advice:** {code.advice}\n"
         for code in CODES.values()
     )
     page = _INDEX.sub(lambda _: f"\n{index}\n\n", page)

@@ -15,7 +15,8 @@ import numpy as np
 from seaid._arrays import Array, is_constant, runs
 from seaid._files import toml_key
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Channel, Observation, channels_of, in_description, in_drives
+from seaid.checks.check import Check
+from seaid.checks.codes import CODES, Channel, channels_of, in_description, in_drives
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, Severity, listed
@@ -426,16 +427,16 @@ def without_torque(findings: Iterable[Finding]) -> set[str]:
 
 
 OF_LOGS = (
-    Observation(CODES["time-unit"], _time_units),
-    Observation(CODES["wraps"], _wraps),
-    Observation(CODES["unit"], _whole_numbers),
-    Observation(CODES["holes"], _lost_samples),
-    Observation(CODES["missing-drives"], _missing_drives),
-    Observation(CODES["reference-position"], _references),
-    Observation(CODES["delay"], _held_torques),
-    Observation(CODES["saturation"], _saturated),
-    Observation(CODES["locked-output"], _locked),
-    Observation(CODES["standstill"], _standing),
+    Check(CODES["time-unit"], (), _time_units),
+    Check(CODES["wraps"], (), _wraps),
+    Check(CODES["unit"], (), _whole_numbers),
+    Check(CODES["holes"], (), _lost_samples),
+    Check(CODES["missing-drives"], (), _missing_drives),
+    Check(CODES["reference-position"], (), _references),
+    Check(CODES["delay"], (), _held_torques),
+    Check(CODES["saturation"], (), _saturated),
+    Check(CODES["locked-output"], (), _locked),
+    Check(CODES["standstill"], (), _standing),
 )
 
 
@@ -601,20 +602,18 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
         for j, joint in enumerate(robot.joint_names):
             largest, limit = float(np.max(np.abs(values[:, j]))), float(limits[j])
             if 0 < tol.MANY_TIMES * limit < largest:
-                text = (
-                    f"the {name} of {joint} reaches {largest / limit:.3g} times the limit of the "
-                )
-                text += "robot file: check the unit of its channels and of the time"
+                text = f"the {name} of {joint} reaches {largest / limit:.3g} times its limit in "
+                text += "the robot file: check the unit of its channels and of the time"
                 evidence = {f"{name} over its limit": largest / limit}
                 yield CODES["unit"].finding(text, joint, evidence=evidence, certainty="possible")
 
 
-def decided_delays(experiment: Experiment, known: Sequence[Finding]) -> Iterator[Finding]:
-    """Yield the findings of torques that are held over samples, unless the motion excludes a delay.
+def _decided_delays(experiment: Experiment, held: Sequence[Finding]) -> Iterator[Finding]:
+    """Yield the findings of torques `held` over samples, unless the motion excludes a delay.
 
     Torques that a motor gets held are not late; a longer delay has another cause.
     """
-    for finding in (finding for finding in known if HELD in finding.evidence):
+    for finding in held:
         places = {experiment.robot.index(joint) for joint in finding.joints}
         delays = [delay for j, delay in experiment.torque_delays.items() if j in places]
         late = finding.evidence["delay [s]"]
@@ -627,3 +626,6 @@ def decided_delays(experiment: Experiment, known: Sequence[Finding]) -> Iterator
             yield finding
         elif half < np.average(values, weights=weights) < max(late + half, tol.LEAST_DELAY_S):
             yield replace(finding, severity="doubtful", certainty="likely")
+
+
+DELAYS = Check(CODES["delay"], (), _decided_delays)

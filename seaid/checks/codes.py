@@ -4,10 +4,6 @@
 what to do; checks make their findings by them: `CODES["delay"].finding(...)`. The sections of the
 page `docs/warnings.md` are made from that file, in its order (`python -m scripts.warnings_page`).
 
-An `Observation` is a check that looks at what is there, such as the samples of a `Channel` of a
-log; `observed` makes all those of a room. A check that fails is no reason to lose the result: its
-error becomes a note.
-
 Findings follow from others: those of a wrong set-up, of noise, and symptoms of a cause. A result is
 no better for it: a cause is as severe as the symptoms that it explains.
 """
@@ -15,12 +11,11 @@ no better for it: a cause is as severe as the symptoms that it explains.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, partialmethod
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
@@ -33,8 +28,6 @@ from seaid.errors import Certainty, Finding, SeaidError, Severity, by_severity, 
 from seaid.log import Log
 from seaid.log.description import as_toml, changed_source
 from seaid.robot import Robot
-
-Given = TypeVar("Given")
 
 Source = str | Mapping[str, Any]
 """How a quantity was read: its column, or its entry in the description of a log."""
@@ -113,33 +106,6 @@ def _codes() -> Mapping[str, Code]:
 
 CODES = _codes()
 """{name of a code: the code}, in the order of codes.toml."""
-
-
-@dataclass(frozen=True)
-class Observation(Generic[Given]):
-    """A check that looks at what is there: `look` yields the findings of its `code`."""
-
-    code: Code
-    look: Callable[[Given], Iterable[Finding]]
-
-
-def observed(checks: Iterable[Observation[Given]], subject: Given) -> list[Finding]:
-    """Return the findings of checks, in their order; a check that raises becomes a note."""
-    findings: list[Finding] = []
-    for check in checks:
-        with guarded(check.code, findings):
-            findings += check.look(subject)
-    return findings
-
-
-@contextmanager
-def guarded(code: Code, findings: list[Finding]) -> Iterator[None]:
-    """Add to findings, if a check of a code raises, the note that it could not be made."""
-    try:
-        yield
-    except Exception as problem:  # the fit stands, whatever a check meets
-        text = f"the check '{code.name}' could not be made: {errors.reason_of(problem)}"
-        findings.append(code.note(text))
 
 
 class Remedy(str):
@@ -331,17 +297,19 @@ def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return findings in the order of `by_severity`, those of one code at many joints as one.
 
     That is above a note. It has the words of the first one, the remedies of all together, and their
-    evidence by joint.
+    evidence by joint. Where there are more findings than one reads, two joints are many.
     """
     ordered = by_severity(findings)
     alike: dict[tuple[str, str], list[Finding]] = {}
-    for finding in ordered:
-        if finding.joint and finding.severity != "note":
+    above = [finding for finding in ordered if finding.severity != "note"]
+    most = 1 if len(above) > 2 * tol.MOST_ALIKE else tol.MOST_ALIKE
+    for finding in above:
+        if finding.joint:
             alike.setdefault((finding.code, finding.severity), []).append(finding)
     replaced = {
         finding: _as_one(group) if finding is group[0] else None
         for group in alike.values()
-        if len({finding.joint for finding in group}) > tol.MOST_ALIKE
+        if len({finding.joint for finding in group}) > most
         for finding in group
     }
     return tuple(x for x in (replaced.get(each, each) for each in ordered) if x is not None)

@@ -16,12 +16,12 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
+from seaid.checks.check import Need
 from seaid.checks.codes import CODES, EXPLAINED, Sources, in_drives, only_joint
-from seaid.checks.engine import Acceptance
+from seaid.checks.engine import Acceptance, ColumnCheck
 from seaid.checks.experiment import sources_of
 from seaid.checks.terms import (
     DriveRows,
-    TermComparison,
     actuator_drive,
     load_drive,
     possible_terms,
@@ -42,6 +42,8 @@ from seaid.regressor.base import regressor_at_drives, torque_slopes
 from seaid.regressor.load import load_side, where_known
 from seaid.robot import Robot
 from seaid.robot.transmission import rows_at_drives
+
+SideNeed = Need["Side", str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +84,29 @@ class Side:
         pairs = zip(estimate.values.tolist(), estimate.standard_errors.tolist(), strict=True)
         return dict(zip(estimate.names, pairs, strict=True))
 
-    def is_loose(self, joint: str) -> bool:
-        """Whether the motor has less dry friction than none, and the load more, as by play."""
+    def has_spring(self, joint: str) -> bool:
+        """Whether a joint has a motor equation, whose spring has no play on its load side.
+
+        With play the motor has less dry friction than none, and the load more.
+        """
+        if joint not in self.actuators:
+            return False
         friction, error = self.motor_values(joint).get("coulomb_friction", (0.0, 0.0))
-        return not self.is_motor and friction < -SURE * error
+        return self.is_motor or friction >= -SURE * error
+
+    def has_gains(self, joint: str) -> bool:
+        """Whether the torque of a joint is that of a controller whose gains are given."""
+        drive = self.robot.drives[joint]
+        return drive.controller is not None and not drive.is_up_to_scale
+
+    def has_both_encoders(self, joint: str) -> bool:
+        """Whether the positions of a joint and of its motor were logged."""
+        return {"motor_position", "joint_position"} <= self.sources.get(joint, {}).keys()
+
+    def has_known_rotor(self, joint: str) -> bool:
+        """Whether the rotor inertia of a joint is given, and its rows are those of its motor."""
+        inertia = self.robot.drives[joint].values.get("motor_inertia", 0.0)
+        return inertia > 0 and self.drive(joint).is_of_motor
 
     @cached_property
     def equation(self) -> engine.Equation:
@@ -246,14 +267,12 @@ def _friction(side: Side, joint: str) -> list[engine.Candidate]:
 
 def _parallel_springs(side: Side, joint: str) -> list[engine.Candidate]:
     """Return the spring parallel to a joint; what holds a locked output, and yields, is none."""
-    is_free = not side.is_motor and side.swing(joint) >= LEAST_SWING
-    return _terms(side, joint, "parallel_spring", ("linear",)) if is_free else []
+    return _terms(side, joint, "parallel_spring", ("linear",))
 
 
 def _joint_friction(side: Side, joint: str) -> list[engine.Candidate]:
     """Return the friction behind the spring of a joint, which its motor equation does not have."""
-    is_behind = joint in side.actuators and not (side.is_motor or side.is_loose(joint))
-    return _terms(side, joint, "joint_friction", _PLAIN) if is_behind else []
+    return _terms(side, joint, "joint_friction", _PLAIN)
 
 
 def _gain_scales(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -262,11 +281,7 @@ def _gain_scales(side: Side, joint: str) -> Iterator[engine.Candidate]:
     With y = tau - tau_known and gains that are 1 / s of their unit, tau = (tau_known + ...) / s: y
     has (1 / s - 1) tau_known more.
     """
-    drive = side.robot.drives[joint]
-    is_given = drive.controller is not None and not drive.is_up_to_scale
-    has_bodies = np.any(side.robot.known_parameters) and side.robot.base_is_held
-    if is_given and has_bodies and not side.is_motor:
-        yield engine.linear_candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
+    yield engine.linear_candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
 
 
 def _known_torque(side: Side, joint: str) -> Array:
@@ -276,7 +291,7 @@ def _known_torque(side: Side, joint: str) -> Array:
 
 
 def _spring_laws(side: Side, joint: str) -> list[engine.Candidate]:
-    return _terms(side, joint, "spring", _LAWS) if side.is_motor else []
+    return _terms(side, joint, "spring", _LAWS)
 
 
 def _is_impossible(side: Side, found: engine.Accepted) -> bool:
@@ -409,10 +424,8 @@ def _known_rotors(side: Side, joint: str) -> Iterator[engine.Candidate]:
     With y = tau_M - I_M theta_M'' and a torque that is s times too large, y has (s - 1) I_M
     theta_M'' more: next to a spring of any stiffness the rotor is the scale of the torque.
     """
-    drive = side.robot.drives[joint]
-    if side.is_motor and drive.values.get("motor_inertia") and side.drive(joint).is_of_motor:
-        acceleration = partial(side.drive(joint).signal, "theta_M_ddot")
-        yield engine.linear_candidate(joint, "motor_inertia", "", acceleration)
+    acceleration = partial(side.drive(joint).signal, "theta_M_ddot")
+    yield engine.linear_candidate(joint, "motor_inertia", "", acceleration)
 
 
 def _rotor_is_other(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
@@ -455,13 +468,27 @@ def _contradicting(side: Side, joint: str) -> list[str]:
     return [name for name, is_apart in zip(alike, apart, strict=False) if is_apart]
 
 
+MOTOR_SIDE = SideNeed("the motor equation of a spring", lambda side, _: side.is_motor)
+LOAD_SIDE = SideNeed("the load side", lambda side, _: not side.is_motor)
+SPRING = SideNeed("a spring without play", lambda side, joint: side.has_spring(joint))
+MOTION = SideNeed("a joint that moves", lambda side, joint: side.swing(joint) >= LEAST_SWING)
+HELD_BASE = SideNeed("a base that is held", lambda side, _: side.robot.base_is_held)
+_KNOWN_BODIES = SideNeed("known bodies", lambda side, _: bool(np.any(side.robot.known_parameters)))
+_GAINS = SideNeed("a controller with its gains", lambda side, joint: side.has_gains(joint))
+_KNOWN_ROTOR = SideNeed("a known rotor inertia", lambda side, joint: side.has_known_rotor(joint))
+
 DRIVE_CHECKS = (
-    engine.ColumnCheck(CODES["missing-term"], _friction, _missing_terms),
-    engine.ColumnCheck(CODES["missing-term"], _parallel_springs, _missing_terms),
-    engine.ColumnCheck(CODES["missing-term"], _joint_friction, _missing_terms),
-    engine.ColumnCheck(CODES["gain-scale"], _gain_scales, _gain_is_scaled),
-    engine.ColumnCheck(CODES["nonlinear-spring"], _spring_laws, _missing_terms),
-    engine.ColumnCheck(CODES["rotor-inertia"], _known_rotors, _rotor_is_other),
+    ColumnCheck(CODES["missing-term"], (), _friction, _missing_terms),
+    ColumnCheck(CODES["missing-term"], (LOAD_SIDE, MOTION), _parallel_springs, _missing_terms),
+    ColumnCheck(CODES["missing-term"], (LOAD_SIDE, SPRING), _joint_friction, _missing_terms),
+    ColumnCheck(
+        CODES["gain-scale"],
+        (LOAD_SIDE, _GAINS, _KNOWN_BODIES, HELD_BASE),
+        _gain_scales,
+        _gain_is_scaled,
+    ),
+    ColumnCheck(CODES["nonlinear-spring"], (MOTOR_SIDE,), _spring_laws, _missing_terms),
+    ColumnCheck(CODES["rotor-inertia"], (MOTOR_SIDE, _KNOWN_ROTOR), _known_rotors, _rotor_is_other),
 )
 """The checks of a drive, in the order in which their findings are listed."""
 
@@ -479,11 +506,11 @@ def included_term(trial: engine.Trial) -> Finding:
     )
 
 
-def backlash(joint: str, drive: Drive, law: TermComparison) -> Finding:
+def backlash(
+    joint: str, drive: Drive, comparison: engine.ModelComparison, values: Mapping[str, float]
+) -> Finding:
     """Return the finding of backlash that looks like a weak spring, by a comparison of laws."""
-    comparison, values = law.comparison, law.values
-    assert comparison is not None
-    unit = unit_of(with_term(drive, law.field, law.term), "dead_zone")
+    unit = unit_of(with_term(drive, "spring", "dead_zone"), "dead_zone")
     return CODES["backlash"].finding(
         f"the gear or the spring of {joint} has backlash, with a half width of about "
         f"{values['dead_zone']:.2g} {unit}: 'dead_zone' in its spring would explain "
@@ -492,5 +519,5 @@ def backlash(joint: str, drive: Drive, law: TermComparison) -> Finding:
         joint,
         "doubtful",
         {**comparison.evidence, **values},
-        in_drives({(joint,): toml_of(drive, law.field, [law.term], values)}),
+        in_drives({(joint,): toml_of(drive, "spring", ["dead_zone"], values)}),
     )

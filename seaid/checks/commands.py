@@ -376,8 +376,6 @@ def _no_measurement(
 
 def magnitudes(experiment: Experiment) -> Iterator[Finding]:
     """Yield torques without a sign, which rise with those of the nominal bodies of both signs."""
-    if not experiment.has_bodies:
-        return
     names, torque = experiment.robot.joint_names, experiment.lever * experiment.torque
     # (4b) into (7): the torque of the bodies and on the rotor, where it is that of a motor
     of_file = experiment.of_file + np.nan_to_num(torque - experiment.target)

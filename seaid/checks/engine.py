@@ -26,6 +26,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
+from seaid.checks.check import Check
 from seaid.checks.tolerances import CONFIDENCE, NEGLIGIBLE, SIGNIFICANT, SLIGHT
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
@@ -34,7 +35,6 @@ from seaid.estimation.covariance import long_run_of
 from seaid.log.filtering import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
-    from seaid.checks.codes import Code
     from seaid.errors import Finding
     from seaid.estimation import FittedRows
     from seaid.regressor import Regression
@@ -362,15 +362,13 @@ def linear_candidate(
 
 
 @dataclass(frozen=True)
-class ColumnCheck(Generic[Fit]):
-    """A check of an equation: `candidates` are its columns for a joint.
+class ColumnCheck(Check[Fit, str, Candidate], Generic[Fit]):
+    """A check of the equation of a joint, which proposes columns that it may lack.
 
     `finding` words what was accepted of a joint, with the part of the squared residual that it
     explains; it may find that it is nothing.
     """
 
-    code: Code
-    candidates: Callable[[Fit, str], Iterable[Candidate]]
     finding: Callable[[Fit, str, Acceptance, float], Finding | None]
 
 

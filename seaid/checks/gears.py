@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from seaid._arrays import Array
 from seaid._files import toml_key
 from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
-from seaid.checks.engine import Acceptance
+from seaid.checks.columns import HELD_BASE, LOAD_SIDE, MOTION, MOTOR_SIDE, SPRING, Side, SideNeed
+from seaid.checks.engine import Acceptance, ColumnCheck
 from seaid.checks.experiment import (
     MOST_STEPS,
     Experiment,
@@ -44,10 +45,6 @@ from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
 from seaid.regressor.base import regressor_at_drives
 
-if TYPE_CHECKING:
-    from seaid.checks.columns import Side
-
-
 # In a fit, as columns next to its equations
 
 _HIGHEST = {"motor": 6, "joint": 12, "mesh": 2}
@@ -58,8 +55,6 @@ cutoff lets pass."""
 
 def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield the cosine and sine of the orders that a drive lacks and the motion covers."""
-    if not side.is_motor:
-        return
     drive = side.robot.drives[joint]
     known = {(harmonic.angle, harmonic.order) for harmonic in drive.harmonics}
     for name, highest in _HIGHEST.items():
@@ -525,8 +520,8 @@ def _varied(q: Array, apart: Array, deflection: Array) -> tuple[Array, Array]:
 
 def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what a late torque adds to the equation: tau - d tau' to first order, late by d."""
-    if channel := torque_channel(side, joint):
-        yield engine.linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
+    channel = torque_channel(side, joint)
+    yield engine.linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
 
 
 def _late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -536,12 +531,10 @@ def _late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
     where it looks like friction behind the spring. The coefficient is k d, because the stiffness k
     changes with the delay.
     """
-    encoders, drive = {"motor_position", "joint_position"}, side.robot.drives[joint]
-    is_read = joint in side.actuators and encoders <= side.sources.get(joint, {}).keys()
-    if is_read and not side.is_loose(joint):
-        factor = drive.load_radius * (-_lever(side, joint) if side.is_motor else drive.load_radius)
-        slope = side.drive(joint, at_joint=True).signal("theta_L_dot")
-        yield engine.linear_candidate(joint, "delay", "joint_position", lambda: factor * slope)
+    drive = side.robot.drives[joint]
+    factor = drive.load_radius * (-_lever(side, joint) if side.is_motor else drive.load_radius)
+    slope = side.drive(joint, at_joint=True).signal("theta_L_dot")
+    yield engine.linear_candidate(joint, "delay", "joint_position", lambda: factor * slope)
 
 
 def torque_channel(side: Side, joint: str) -> str:
@@ -705,13 +698,8 @@ def _zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
 
     The motors of springs move along, because the spring offset absorbs a constant deflection.
     """
-    if side.is_motor or side.base is None or not side.robot.base_is_held:
-        return
-    if side.robot.has_controllers:  # an offset moves the commands as well: `commands` looks at it
-        return
-    if not side.robot.is_prismatic[side.robot.index(joint)] and side.swing(joint) > tol.LEAST_SWING:
-        turned = partial(np.take, side.slopes, [side.robot.index(joint)], axis=1)
-        yield engine.linear_candidate(joint, "offset", "joint_position", turned)
+    turned = partial(np.take, side.slopes, [side.robot.index(joint)], axis=1)
+    yield engine.linear_candidate(joint, "offset", "joint_position", turned)
 
 
 def _searched_zero(side: Side, joint: str, start: float) -> tuple[float, float]:
@@ -786,10 +774,22 @@ def _zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> 
     )
 
 
+_TORQUE = SideNeed("a torque that was logged", lambda *of: bool(torque_channel(*of)))
+_BOTH_ENCODERS = SideNeed("encoders on both sides", lambda *of: of[0].has_both_encoders(of[1]))
+_TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.robot.index(j)])
+# an offset moves the commands as well: `commands` looks at it
+_NO_CONTROLLERS = SideNeed("no controllers", lambda side, _: not side.robot.has_controllers)
+_BODIES = SideNeed("bodies that are fitted", lambda side, _: side.base is not None)
+
 GEAR_CHECKS = (
-    engine.ColumnCheck(codes.CODES["transmission-error"], _orders, _periodic),
-    engine.ColumnCheck(codes.CODES["delay"], _late_torque, _is_late),
-    engine.ColumnCheck(codes.CODES["delay"], _late_position, _is_late),
-    engine.ColumnCheck(codes.CODES["encoder-offset"], _zeros, _zero_is_off),
+    ColumnCheck(codes.CODES["transmission-error"], (MOTOR_SIDE,), _orders, _periodic),
+    ColumnCheck(codes.CODES["delay"], (_TORQUE,), _late_torque, _is_late),
+    ColumnCheck(codes.CODES["delay"], (SPRING, _BOTH_ENCODERS), _late_position, _is_late),
+    ColumnCheck(
+        codes.CODES["encoder-offset"],
+        (LOAD_SIDE, _BODIES, HELD_BASE, _NO_CONTROLLERS, _TURNS, MOTION),
+        _zeros,
+        _zero_is_off,
+    ),
 )
 """The checks of a gear and its sensors, in the order in which their findings are listed."""

@@ -17,8 +17,10 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid.checks import codes, engine
-from seaid.checks.codes import CODES, EXPLAINED, Cause, guarded, joints_of, notes_beside, undecided
+from seaid.checks.check import guarded, proposals
+from seaid.checks.codes import CODES, EXPLAINED, Cause, joints_of, notes_beside, undecided
 from seaid.checks.columns import DRIVE_CHECKS, Side
+from seaid.checks.engine import ColumnCheck
 from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG, SURE
@@ -133,13 +135,13 @@ _FRICTION = {*chain(*PARAMETERS_OF["friction"].values(), *PARAMETERS_OF["joint_f
 
 COLUMN_CHECKS = (
     *(*DRIVE_CHECKS, *GEAR_CHECKS),
-    engine.ColumnCheck(CODES["logs-differ"], _other_set_ups, _is_another_set_up),
+    ColumnCheck(CODES["logs-differ"], (), _other_set_ups, _is_another_set_up),
 )
 """The checks of an equation, in the order in which their findings are listed."""
 
 
 @singledispatch
-def column_checks(robot: Robot) -> tuple[engine.ColumnCheck[Side], ...]:
+def column_checks(robot: Robot) -> tuple[ColumnCheck[Side], ...]:
     """Return the checks of an equation of this kind of robot."""
     return COLUMN_CHECKS
 
@@ -153,11 +155,11 @@ class SideSelection:
 
     side: Side
     selection: engine.Selection
-    findings: Mapping[tuple[engine.ColumnCheck[Side], str], Finding]
+    findings: Mapping[tuple[ColumnCheck[Side], str], Finding]
     notes: Sequence[Finding] = ()
 
     @property
-    def doubtful(self) -> set[tuple[engine.ColumnCheck[Side], str]]:
+    def doubtful(self) -> set[tuple[ColumnCheck[Side], str]]:
         """The checks and joints with a finding above a note: a note explains nothing away."""
         return {key for key, finding in self.findings.items() if finding.severity != "note"}
 
@@ -221,7 +223,7 @@ def _found_alone(side: Side, trial: engine.Trial) -> Finding | None:
     candidate, alternative = trial.candidate, trial.alternative
     larger = side.equation.with_alternatives([alternative])
     alone = engine.Accepted(trial, *larger.last(alternative.columns.shape[1]))
-    check: engine.ColumnCheck[Side] = candidate.about
+    check: ColumnCheck[Side] = candidate.about
     return check.finding(side, candidate.joint, [alone], trial.comparison.share)
 
 
@@ -293,7 +295,7 @@ def _proposed(side: Side) -> tuple[list[engine.Candidate], list[Finding]]:
     candidates, notes = list[engine.Candidate](), list(side.notes)
     for check, joint in product(column_checks(side.robot), side.joints):
         with guarded(check.code, notes):
-            of_check = [replace(x, about=check) for x in check.candidates(side, joint)]
+            of_check = [replace(x, about=check) for x in proposals([check], notes, side, joint)]
             candidates += [x for x in of_check if x.alternatives is not None]  # computed here
     return candidates, notes
 

@@ -191,9 +191,7 @@ def noisy_springs(unexplained: Mapping[str, float]) -> Iterator[Finding]:
     for joint, part in unexplained.items():
         if part > MOST:
             text = f"{part:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
-            text += (
-                "not explained: its stiffness and load may be wrong by more than their intervals"
-            )
+            text += "unexplained: its stiffness and load may be wrong by more than their intervals"
             yield CODES["motor-side"].finding(text, joint, evidence={"unexplained": part})
 
 

@@ -13,7 +13,7 @@ their motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, permutations, product
@@ -26,7 +26,8 @@ from scipy.special import chdtri
 from seaid._arrays import Array, FrozenMapping
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Code, Observation, Source, guarded, in_drives, observed
+from seaid.checks.check import Check, Need, guarded, observed, proposals
+from seaid.checks.codes import CODES, Code, Source, in_drives
 from seaid.checks.experiment import (
     KINDS,
     SHORTLIST,
@@ -211,15 +212,12 @@ def transforms(
     experiment: Experiment, possible: Possible, notes: list[Finding]
 ) -> Iterator[Transform]:
     """Yield what undoes each mistake that is possible, and add the `notes` on checks that raise."""
-    for is_shown, generators in possible.items():
-        for generator, code in generators.items():
-            with guarded(code, notes):
-                if is_shown(experiment):
-                    yield from generator(experiment)
-                    yield from _in_single_logs(experiment, generator)
+    for check in possible:
+        of_logs = replace(check, proposed=partial(_in_single_logs, check=check))
+        yield from proposals((check, of_logs), notes, experiment)
 
 
-def _in_single_logs(experiment: Experiment, generator: Generator) -> Iterator[Transform]:
+def _in_single_logs(experiment: Experiment, check: Mistake) -> Iterator[Transform]:
     """Yield mistakes in the description of a log that the other logs do not have.
 
     With these the log has another model, so that any bodies, a spring or a gear leave something.
@@ -228,7 +226,7 @@ def _in_single_logs(experiment: Experiment, generator: Generator) -> Iterator[Tr
     is_apart = any(_is_off(experiment, kind, tol.SLIGHT) for kind in _DIRECT)
     for number in logs if len(logs) > 1 and is_apart else ():
         alone = experiment.of_log(number)
-        for transform in generator(alone) if len(alone.log) >= tol.FEWEST_INSTANTS else ():
+        for transform in check.proposed(alone) if len(alone.log) >= tol.FEWEST_INSTANTS else ():
             if transform.sources:
                 message = f"in log {number + 1} {transform.message}"
                 changed = experiment.with_log(alone, transform.changed)
@@ -792,42 +790,21 @@ def _is_off(experiment: Experiment, kind: str, least: float) -> bool:
     return bool(np.nanmax(getattr(experiment, kind), initial=0.0) > least)
 
 
-Generator = Callable[[Experiment], Iterator[Transform]]
-Possible = Mapping[Callable[[Experiment], bool], Mapping[Generator, Code]]
-"""{what shows that a set-up may be wrong: {what can be wrong with it: the code of most of it}}."""
+Mistake = Check[Experiment, Transform]
+Possible = Sequence[Mistake]
+"""What can be wrong with a set-up, in the order in which it is tried."""
 
-MISTAKES: Possible = {
-    attrgetter("has_bodies"): {
-        _torque_scales: CODES["torque-scale"],
-        _rotor_inertias: CODES["rotor-inertia"],
-        _all_torque_scales: CODES["torque-scale"],
-        _ratings: CODES["unit"],
-        bodies.gravities: CODES["gravity"],
-        bodies.lengths: CODES["geometry"],
-        bodies.zeros: CODES["encoder-offset"],
-        _position_scales: CODES["unit"],
-        _parallel_springs: CODES["missing-term"],
-        bodies.payloads: CODES["payload"],
-    },
-    _is_severe: {
-        bodies.quarter_turns: CODES["encoder-offset"],
-        gears.geared_encoders: CODES["unit"],
-        _signs: CODES["sign"],
-        _positions: CODES["unit"],
-        _all_positions: CODES["unit"],
-        _exchanges: CODES["swapped-joints"],
-        gears.absolute_positions: CODES["coupled-joints"],
-    },
-    partial(_is_off, kind="of_sensors", least=tol.SLIGHT): {_sensor_scales: CODES["torque-scale"]},
-    attrgetter("used"): {gears.gear_ratios: CODES["gear-ratio"], _times: CODES["time-unit"]},
-    partial(_is_off, kind="of_encoders", least=tol.FEW): {
-        gears.coupled_motors: CODES["coupled-joints"],
-        gears.differentials: CODES["coupled-joints"],
-        gears.undeclared_springs: CODES["gear-compliance"],
-        gears.linkages: CODES["varying-ratio"],
-    },
-}
-"""The mistakes that torques show."""
+ExperimentNeed = Need[Experiment]
+
+_BODIES = ExperimentNeed("bodies of the robot file", attrgetter("has_bodies"))
+_TORQUES = ExperimentNeed("torques that change", attrgetter("used"))
+_SEVERE = ExperimentNeed("a torque that is mostly unexplained", _is_severe)
+_SENSORS = ExperimentNeed(
+    "torques on both sides that differ", partial(_is_off, kind="of_sensors", least=tol.SLIGHT)
+)
+_ENCODERS = ExperimentNeed(
+    "encoders on both sides that differ", partial(_is_off, kind="of_encoders", least=tol.FEW)
+)
 
 
 def _contradicts_bodies(experiment: Experiment) -> bool:
@@ -835,14 +812,43 @@ def _contradicts_bodies(experiment: Experiment) -> bool:
     return bool(experiment.robot.known_bodies) and _is_off(experiment, "nominal", tol.POOR)
 
 
-OF_COMMANDS: Possible = {
-    attrgetter("has_bodies"): {
-        commands.torque_limits: CODES["saturation"],
-        commands.gain_scales: CODES["gain-scale"],
-        bodies.zeros: CODES["encoder-offset"],
-    },
-    _contradicts_bodies: {bodies.poses: CODES["sign"], _exchanges: CODES["swapped-joints"]},
-}
+_CONTRADICTED = ExperimentNeed("known bodies that torques contradict", _contradicts_bodies)
+
+MISTAKES: Possible = (
+    Check(CODES["torque-scale"], (_BODIES,), _torque_scales),
+    Check(CODES["rotor-inertia"], (_BODIES,), _rotor_inertias),
+    Check(CODES["torque-scale"], (_BODIES,), _all_torque_scales),
+    Check(CODES["unit"], (_BODIES,), _ratings),
+    Check(CODES["gravity"], (_BODIES,), bodies.gravities),
+    Check(CODES["geometry"], (_BODIES,), bodies.lengths),
+    Check(CODES["encoder-offset"], (_BODIES,), bodies.zeros),
+    Check(CODES["unit"], (_BODIES,), _position_scales),
+    Check(CODES["missing-term"], (_BODIES,), _parallel_springs),
+    Check(CODES["payload"], (_BODIES,), bodies.payloads),
+    Check(CODES["encoder-offset"], (_SEVERE,), bodies.quarter_turns),
+    Check(CODES["unit"], (_SEVERE,), gears.geared_encoders),
+    Check(CODES["sign"], (_SEVERE,), _signs),
+    Check(CODES["unit"], (_SEVERE,), _positions),
+    Check(CODES["unit"], (_SEVERE,), _all_positions),
+    Check(CODES["swapped-joints"], (_SEVERE,), _exchanges),
+    Check(CODES["coupled-joints"], (_SEVERE,), gears.absolute_positions),
+    Check(CODES["torque-scale"], (_SENSORS,), _sensor_scales),
+    Check(CODES["gear-ratio"], (_TORQUES,), gears.gear_ratios),
+    Check(CODES["time-unit"], (_TORQUES,), _times),
+    Check(CODES["coupled-joints"], (_ENCODERS,), gears.coupled_motors),
+    Check(CODES["coupled-joints"], (_ENCODERS,), gears.differentials),
+    Check(CODES["gear-compliance"], (_ENCODERS,), gears.undeclared_springs),
+    Check(CODES["varying-ratio"], (_ENCODERS,), gears.linkages),
+)
+"""The mistakes that torques show."""
+
+OF_COMMANDS: Possible = (
+    Check(CODES["saturation"], (_BODIES,), commands.torque_limits),
+    Check(CODES["gain-scale"], (_BODIES,), commands.gain_scales),
+    Check(CODES["encoder-offset"], (_BODIES,), bodies.zeros),
+    Check(CODES["sign"], (_CONTRADICTED,), bodies.poses),
+    Check(CODES["swapped-joints"], (_CONTRADICTED,), _exchanges),
+)
 """The mistakes that the torques of controllers show."""
 
 
@@ -854,9 +860,7 @@ def log_findings(
     Those of torques and commands are of the `torque_joints`, by default of all.
     """
     used = robot.joint_names if torque_joints is None else torque_joints
-    unmeasured = Observation(CODES["no-measurement"], _unmeasured)
-    checks = (*channels.OF_LOGS, unmeasured, Observation(CODES["geometry"], _sizes))
-    return observed(checks, channels.Logged(robot, logs, used))
+    return observed(OF_LOGS, channels.Logged(robot, logs, used))
 
 
 def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
@@ -890,15 +894,23 @@ def _sizes(logged: channels.Logged) -> Iterator[Finding]:
         yield CODES["gravity"].finding(text, "", "wrong", evidence, remedy, "certain")
 
 
+OF_LOGS: Sequence[Check[channels.Logged, Finding]] = (
+    *channels.OF_LOGS,
+    Check(CODES["no-measurement"], (), _unmeasured),
+    Check(CODES["geometry"], (), _sizes),
+)
+"""What is looked for in logs alone."""
+
+
 def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the `known` findings and the mistakes of the set-up, unless those explain the torques.
 
     Torques beyond their limits are no finding of joints whose gains are in another unit, or whose
     limit is another one.
     """
-    delays = partial(channels.decided_delays, known=known)
-    known = [finding for finding in known if channels.HELD not in finding.evidence]
-    known += observed([Observation(CODES["delay"], delays)], experiment)
+    held = [finding for finding in known if channels.HELD in finding.evidence]
+    known = [finding for finding in known if finding not in held]
+    known += observed([channels.DELAYS], experiment, held)
     findings = [*known, *_of_motion(experiment, known)]
     joints = {joint for finding in findings for joint in finding.joints}
     return [x for x in findings if x.code != "saturation" or x.joints or x.joint not in joints]
@@ -906,28 +918,20 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
 
 def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the mistakes of the set-up that the motion shows, next to `known` findings."""
-    hiding = {"time-unit", "missing-drives", "wraps", "geometry", "gravity", "holes"}
+    spoiling = {"time-unit", "missing-drives", "wraps", "geometry", "gravity", "holes"}
     of_logs = {finding.code for finding in known if finding.severity != "note"}
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
-    if (of_logs & hiding) | (wrong & {"no-measurement", "delay"}):
+    if (of_logs & spoiling) | (wrong & {"no-measurement", "delay"}):
         return []  # the torques show no other mistake
-    slips, findings, notes = list[Finding](), list[Finding](), list[Finding]()
+    slips, notes = list[Finding](), list[Finding]()
     with guarded(CODES["loose-encoder"], notes):
         slips, experiment = gears.without_slips(experiment)
-    checks = [Observation(CODES["encoder-offsets-differ"], channels.offset_findings)]
-    if not experiment.robot.has_controllers:
-        checks += [
-            Observation(CODES["no-measurement"], commands.magnitudes),
-            Observation(CODES["no-measurement"], commands.of_friction_alone),
-            Observation(CODES["nominal-values"], partial(_of_torques, known=known)),
-        ]
-    elif not wrong:
-        checks.append(Observation(CODES["gain-scale"], partial(_of_commands, known=known)))
-    for check in checks:  # the first one that finds something hides the others
-        with guarded(check.code, notes):
-            findings += check.look(experiment)
-        if findings:
-            break
+    hiding = ([*proposals([check], notes, experiment)] for check in OF_MOTION)
+    findings = next(filter(None, hiding), [])
+    if not findings and not (wrong and experiment.robot.has_controllers):
+        search = _of_commands if experiment.robot.has_controllers else _of_torques
+        with guarded(CODES["nominal-values"], notes):
+            findings = search(experiment, known)
     return [*slips, *findings, *notes]
 
 
@@ -939,14 +943,14 @@ def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Findin
     findings, without = mistakes(with_torques_of(experiment, kept).in_motion)
     is_named = any(finding.severity != "note" for finding in findings)
     beyond = [] if is_named else observed([_BEYOND_LIMITS], experiment)
-    return [*findings, *beyond, *observed(_OF_REST, without)]
+    return [*findings, *beyond, *observed(OF_REST, without)]
 
 
-_BEYOND_LIMITS = Observation(CODES["unit"], channels.limit_findings)
-_OF_REST = (
-    Observation(CODES["loose-encoder"], gears.unlike_motions),
-    Observation(CODES["gear-compliance"], gears.small_springs),
-    Observation(CODES["nominal-values"], bodies.file_findings),
+_BEYOND_LIMITS = Check(CODES["unit"], (), channels.limit_findings)
+OF_REST = (
+    Check(CODES["loose-encoder"], (), gears.unlike_motions),
+    Check(CODES["gear-compliance"], (), gears.small_springs),
+    Check(CODES["nominal-values"], (), bodies.file_findings),
 )
 """What is found next to all mistakes."""
 
@@ -960,6 +964,15 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
     findings, without = mistakes(experiment, OF_COMMANDS)
     findings += observed([_BEYOND_LIMITS], without)
     return [finding for finding in findings if finding.joint not in stopped]
+
+
+_NO_CONTROLLERS = ExperimentNeed("no controllers", lambda x: not x.robot.has_controllers)
+OF_MOTION: Sequence[Check[Experiment, Finding]] = (
+    Check(CODES["encoder-offsets-differ"], (), channels.offset_findings),
+    Check(CODES["no-measurement"], (_NO_CONTROLLERS, _BODIES), commands.magnitudes),
+    Check(CODES["no-measurement"], (_NO_CONTROLLERS,), commands.of_friction_alone),
+)
+"""What hides all else: the first that finds something ends the search."""
 
 
 def joint_checks(

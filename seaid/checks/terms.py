@@ -19,8 +19,7 @@ from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Dri
 from seaid.drives.drives import deflection, term_fields
 from seaid.drives.regressor import DriveRegressor
 from seaid.drives.terms import COULOMB, DRY, key_of
-from seaid.errors import IdentificationError, RobotError
-from seaid.estimation import FittedRows
+from seaid.errors import RobotError
 from seaid.log import Motion
 from seaid.log.rows import in_band_at
 from seaid.regressor import Regression, joint_regressor, motor_regressor, regression
@@ -306,32 +305,6 @@ def size_of(name: str, scale: Scale) -> float:
     return sizes.get(PARAMETERS[name].unit, scale.half_deflection)
 
 
-@dataclass(frozen=True, eq=False)
-class TermComparison:
-    """Comparison of a joint's drive with and without one more term, at `step` of the selection.
-
-    `comparison` is None if the term could not be estimated: `reason` says why. The best supported
-    term of a step is `selected`. `values` {parameter: value} are the best of a grid, of parameters
-    in which the equation is nonlinear. `cutoff_hz` is that of a second comparison, above that of
-    the motion, of laws whose torque has corners.
-    """
-
-    joint: str
-    field: str
-    term: str
-    step: int
-    comparison: engine.ModelComparison | None
-    reason: str = ""
-    selected: bool = False
-    values: Mapping[str, float] = FrozenMapping({})
-    cutoff_hz: float | None = None
-
-    @property
-    def is_supported(self) -> bool:
-        """Whether both criteria support the term."""
-        return self.comparison is not None and self.comparison.is_supported_overall
-
-
 def toml_of(drive: Drive, field: str, terms: Iterable[str], values: Mapping[str, float]) -> str:
     """Return the lines of a drive's field with further terms, and where their search starts."""
     larger = drive
@@ -346,34 +319,3 @@ def toml_of(drive: Drive, field: str, terms: Iterable[str], values: Mapping[str,
     # A joint without a drive has no table yet, and the torques of its log are behind a gear.
     drive_keys = ['type = "stiff"', "gear_ratio = 1.0"] if drive == IDEAL_DRIVE else []
     return "\n".join([*drive_keys, f"{field} = [{names}]", *starts])
-
-
-def compared_terms(
-    drive: DriveRows,
-    fitted: FittedRows,
-    terms: Sequence[tuple[str, str]],
-    count: int,
-    step: int,
-    grids: Grids = NO_GRIDS,
-) -> list[TermComparison]:
-    """Return the comparison of each term (field, term) of a drive, at the best point of its grid.
-
-    `count` is the number of all comparisons, `grids` {nonlinear parameter: values} replace those of
-    the search.
-    """
-    reason, trials = _NO_COLUMN, list[engine.Trial]()
-    try:
-        candidates = term_candidates(drive, terms, grids)
-        trials = engine.compared_candidates(engine.equation_of(fitted), candidates, count)
-    except IdentificationError as problem:  # too few rows
-        reason = str(problem)
-    compared = {trial.candidate.name: trial for trial in trials}
-    return [
-        TermComparison(drive.joint, *name, step, trial.comparison, values=trial.alternative.values)
-        if (trial := compared.get((drive.joint, *name)))
-        else TermComparison(drive.joint, *name, step, None, reason)
-        for name in terms
-    ]
-
-
-_NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"

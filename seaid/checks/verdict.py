@@ -18,7 +18,8 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Observation, as_note, excluding_torque, guarded, observed
+from seaid.checks.check import Check, guarded, observed
+from seaid.checks.codes import CODES, as_note, excluding_torque
 from seaid.checks.experiment import Experiment
 from seaid.errors import Certainty, Finding, IdentificationError, SeaidError, Severity, listed
 from seaid.estimation import Estimate, FittedRows, qr_factor
@@ -571,10 +572,10 @@ def _few_rows(whole: RobotFit) -> Iterator[Finding]:
         )
 
 
-_OF_FIT = (
-    Observation(CODES["no-fit"], _unexplained),
-    Observation(CODES["contact"], _contacts),
-    Observation(CODES["few-rows"], _few_rows),
+OF_FIT = (
+    Check(CODES["no-fit"], (), _unexplained),
+    Check(CODES["contact"], (), _contacts),
+    Check(CODES["few-rows"], (), _few_rows),
 )
 
 
@@ -602,4 +603,4 @@ def _prediction_errors(
 
 def fit_findings(fit: RobotFit) -> list[Finding]:
     """Return what the fit of a robot shows: torques without a model, contacts, too few rows."""
-    return [*observed(_OF_FIT, fit), *fit.notes]
+    return [*observed(OF_FIT, fit), *fit.notes]

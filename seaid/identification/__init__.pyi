@@ -6,6 +6,7 @@ from .consistency import FeasibleParameters as FeasibleParameters
 from .identification import cross_validate as cross_validate
 from .identification import identify as identify
 from .identification import validate as validate
+from .model_selection import TermComparison as TermComparison
 from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms
 from .output_error import refine as refine

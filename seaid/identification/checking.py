@@ -18,7 +18,8 @@ from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_n
 from seaid._progress import Result, counted
 from seaid.checks import CODES, JointCheck
 from seaid.checks.channels import stop_findings, strength_findings, without_torque
-from seaid.checks.codes import Observation, guarded, is_wrong, merged, observed
+from seaid.checks.check import Check, guarded, observed
+from seaid.checks.codes import is_wrong, merged
 from seaid.checks.columns import Side
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
@@ -139,14 +140,14 @@ def findings_of_setup(
     far = observed([_STRENGTHS], trusted(known))
     if far:
         return setup_findings(trusted([*known, *far]), [*known, *far])
-    stop = Observation(CODES["contact"], partial(stop_findings, logs=logs))
+    stop = Check(CODES["contact"], (), partial(stop_findings, logs=logs))
     stops = observed([stop], trusted(known))
     beyond = setup_findings(trusted([*known, *stops]), [*known, *stops]) if stops else findings
     others = (finding for finding in beyond if finding not in known and finding not in stops)
     return findings if any(finding.severity != "note" for finding in others) else beyond
 
 
-_STRENGTHS = Observation(CODES["unit"], strength_findings)
+_STRENGTHS = Check(CODES["unit"], (), strength_findings)
 
 _OF_LOGS = ("delay", "encoder-offset")
 """Mistakes of a log that its equations show; a term that a drive lacks is none of the set-up."""

@@ -16,7 +16,8 @@ import numpy as np
 from seaid._arrays import FrozenMapping
 from seaid.checks import CODES
 from seaid.checks.channels import excluded_findings, standstill_findings
-from seaid.checks.codes import consequences, guarded, is_wrong
+from seaid.checks.check import guarded
+from seaid.checks.codes import consequences, is_wrong
 from seaid.checks.columns import unknown_scales
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.experiment import experiment_of

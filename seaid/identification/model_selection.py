@@ -19,16 +19,18 @@ from itertools import chain
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
-from seaid.checks import TermComparison
+from seaid.checks import engine
 from seaid.checks.columns import Side, backlash, included_term
 from seaid.checks.engine import Trial, best_of, best_trial
 from seaid.checks.model import SideSelection
 from seaid.checks.terms import (
+    NO_GRIDS,
     DriveRows,
-    compared_terms,
+    Grids,
     duration_s,
     possible_terms,
     reference_position,
+    term_candidates,
     with_term,
 )
 from seaid.drives import DEAD_ZONES, PARAMETERS_OF, Drive
@@ -81,6 +83,32 @@ AT_THE_JOINT = {"parallel_spring": ("linear",), "joint_friction": ("viscous", "c
 
 _MOST_STEPS = 4
 """Largest number of terms that one drive may gain."""
+
+
+@dataclass(frozen=True, eq=False)
+class TermComparison:
+    """Comparison of a joint's drive with and without one more term, at `step` of the selection.
+
+    `comparison` is None if the term could not be estimated: `reason` says why. The best supported
+    term of a step is `selected`. `values` {parameter: value} are the best of a grid, of parameters
+    in which the equation is nonlinear. `cutoff_hz` is that of a second comparison, above that of
+    the motion, of laws whose torque has corners.
+    """
+
+    joint: str
+    field: str
+    term: str
+    step: int
+    comparison: engine.ModelComparison | None
+    reason: str = ""
+    selected: bool = False
+    values: Mapping[str, float] = FrozenMapping({})
+    cutoff_hz: float | None = None
+
+    @property
+    def is_supported(self) -> bool:
+        """Whether both criteria support the term."""
+        return self.comparison is not None and self.comparison.is_supported_overall
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -199,8 +227,9 @@ def backlash_findings(
             )
         except (IdentificationError, LogError):  # such as a log too short for a comparison
             continue
-        zones = (x for x in selection.comparisons if x.selected and x.term == "dead_zone")
-        yield from (backlash(joint, robot.drives[joint], zone) for zone in zones)
+        for zone in (x for x in selection.comparisons if x.selected and x.term == "dead_zone"):
+            if zone.comparison is not None:
+                yield backlash(joint, robot.drives[joint], zone.comparison, zone.values)
 
 
 _LAWS = ("cubic", "dead_zone")
@@ -395,6 +424,37 @@ def _unseen(model: _Model, joint: str, field: str, term: str) -> str:
 _WLS = estimator_named("wls")
 
 
+def _compared(
+    drive: DriveRows,
+    fitted: FittedRows,
+    terms: Sequence[tuple[str, str]],
+    count: int,
+    step: int,
+    grids: Grids = NO_GRIDS,
+) -> list[TermComparison]:
+    """Return the comparison of each term (field, term) of a drive, at the best point of its grid.
+
+    `count` is the number of all comparisons, `grids` {nonlinear parameter: values} replace those of
+    the search.
+    """
+    reason, trials = _NO_COLUMN, list[engine.Trial]()
+    try:
+        candidates = term_candidates(drive, terms, grids)
+        trials = engine.compared_candidates(engine.equation_of(fitted), candidates, count)
+    except IdentificationError as problem:  # too few rows
+        reason = str(problem)
+    compared = {trial.candidate.name: trial for trial in trials}
+    return [
+        TermComparison(drive.joint, *name, step, trial.comparison, values=trial.alternative.values)
+        if (trial := compared.get((drive.joint, *name)))
+        else TermComparison(drive.joint, *name, step, None, reason)
+        for name in terms
+    ]
+
+
+_NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"
+
+
 def _compared_terms(
     model: _Model, joint: str, asked: Mapping[str, Sequence[str]], count: int, step: int
 ) -> list[TermComparison]:
@@ -409,7 +469,7 @@ def _compared_terms(
         side = model.side(joint, at_motor) if terms else None
         if side is not None:
             drive = side.drive(joint, at_joint=not at_motor)
-            tried = compared_terms(drive, side.fitted, terms, count, step)
+            tried = _compared(drive, side.fitted, terms, count, step)
             searched = partial(_with_searched_zone, model, drive, side.fitted, count)
             compared += map(searched, tried)
     return compared
@@ -434,7 +494,7 @@ def _with_searched_zone(
     except IdentificationError:
         return term
     grid = {name: (values[name],) for name in ("dead_zone", "deflection_zero") if name in values}
-    (searched,) = compared_terms(drive, fitted, [(term.field, term.term)], count, term.step, grid)
+    (searched,) = _compared(drive, fitted, [(term.field, term.term)], count, term.step, grid)
     return searched if _explained(searched) > _explained(term) else term
 
 

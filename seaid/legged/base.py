@@ -28,7 +28,8 @@ from scipy.special import fdtrc, stdtrit
 from seaid._arrays import Array, FrozenMapping, is_constant, safely
 from seaid._progress import counted
 from seaid.checks import CODES
-from seaid.checks.codes import Observation, observed, only_joint
+from seaid.checks.check import Check, observed
+from seaid.checks.codes import only_joint
 from seaid.checks.tolerances import MANY_TIMES, MOST, NEGLIGIBLE, RARE
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate, FittedRows
@@ -241,11 +242,11 @@ def _correlation(x: Array, y: Array) -> float:
     return float(np.sum(x * y)) / size if size > 0 else 0.0
 
 
-_RECORD_CHECKS = (
-    Observation(BASE_SENSOR, _missing_axes),
-    Observation(BASE_FRAMES, _contradicting_frames),
-    Observation(BASE_FRAMES, _moving),
-    Observation(BASE_JUMPS, _jumps),
+RECORD_CHECKS = (
+    Check(BASE_SENSOR, (), _missing_axes),
+    Check(BASE_FRAMES, (), _contradicting_frames),
+    Check(BASE_FRAMES, (), _moving),
+    Check(BASE_JUMPS, (), _jumps),
 )
 
 
@@ -253,7 +254,7 @@ def base_findings(robot: FloatingRobot, logs: Sequence[Log]) -> list[Finding]:
     """Return what contradicts itself in the base of logs."""
     base = robot.floating_base
     records = [BaseRecord(log.base, log.time, base) for log in logs if log.base is not None]
-    return [finding for record in records for finding in observed(_RECORD_CHECKS, record)]
+    return [finding for record in records for finding in observed(RECORD_CHECKS, record)]
 
 
 def guide_findings(motions: Iterable[Motion]) -> list[Finding]:

@@ -33,7 +33,7 @@ from scipy.special import ndtr, stdtrit
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid._progress import Display
 from seaid.checks import CODES
-from seaid.checks.codes import Observation
+from seaid.checks.check import Check
 from seaid.checks.engine import Alternative, equation_of
 from seaid.checks.tolerances import FEW, MATTERS, SURE
 from seaid.errors import ExcitationError, Finding, listed
@@ -731,9 +731,9 @@ def _level(up: Array) -> tuple[Array, Array]:
 
 
 FEET_CHECKS = (
-    Observation(GEOMETRY, _radius),
-    Observation(CONTACT_FLAGS, _pushing_feet),
-    Observation(SOFT_FEET, _sinking_feet),
+    Check(GEOMETRY, (), _radius),
+    Check(CONTACT_FLAGS, (), _pushing_feet),
+    Check(SOFT_FEET, (), _sinking_feet),
 )
 """What the rows of a fit contradict in the feet."""
 

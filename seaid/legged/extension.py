@@ -19,7 +19,8 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import toml_table
 from seaid.checks import CODES, engine
-from seaid.checks.codes import Remedy, is_wrong, observed
+from seaid.checks.check import observed
+from seaid.checks.codes import Remedy, is_wrong
 from seaid.checks.columns import Side
 from seaid.checks.experiment import MOST_STEPS
 from seaid.checks.gears import late_channels, late_columns, torque_channel
@@ -353,8 +354,8 @@ def base_sources(base: FloatingBase, log: Log) -> dict[str, Mapping[str, Any]]:
 
 
 LATE_CHECKS = (
-    engine.ColumnCheck(CODES["delay"], _late_base, _are_late),
-    engine.ColumnCheck(CODES["delay"], _late_torques, _are_late),
+    engine.ColumnCheck(CODES["delay"], (), _late_base, _are_late),
+    engine.ColumnCheck(CODES["delay"], (), _late_torques, _are_late),
 )
 """What is late in all rows of a fit, as the base or all torques."""
 

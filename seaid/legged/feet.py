@@ -21,7 +21,8 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
 from seaid._progress import Display, counted
 from seaid.checks import CODES
-from seaid.checks.codes import Observation, in_description, observed, only_joint
+from seaid.checks.check import Check, observed
+from seaid.checks.codes import in_description, only_joint
 from seaid.checks.tolerances import FEW, MOST, RARE
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed
 from seaid.legged.floating import FloatingRobot, contact_map, floating_regressor, guided
@@ -187,7 +188,7 @@ def _contradicted_flags(feet: FeetInMotion) -> Iterator[Finding]:
         yield from _resting(feet, feet.base.up)
 
 
-MOTION_CHECKS = (Observation(CONTACT_FLAGS, _contradicted_flags),)
+MOTION_CHECKS = (Check(CONTACT_FLAGS, (), _contradicted_flags),)
 """What is looked for in the motion of the feet."""
 
 
@@ -298,7 +299,7 @@ def feet_findings(
     findings = []
     for motion in motions:
         findings += observed(MOTION_CHECKS, FeetInMotion(robot, motion, logs))
-    lifts = Observation(UNIDENTIFIABLE, partial(unused_lifts, robot.floating_base))
+    lifts = Check(UNIDENTIFIABLE, (), partial(unused_lifts, robot.floating_base))
     return findings + observed((lifts,), motions)
 
 

@@ -20,7 +20,6 @@ from seaid.report.formats import Column, Measured, Table, cut, number, percent, 
 from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
-    from seaid.checks import TermComparison
     from seaid.estimation import Estimate
     from seaid.excitation import Excitation, ExcitationMeasures
     from seaid.frequency import FrequencyResponse
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
         Identification,
         SetupCheck,
         StaticCalibration,
+        TermComparison,
         TermSelection,
         Validation,
     )

@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 import seaid
 from seaid import checks
-from seaid.checks import CODES, channels, commands, engine, model, setup, verdict
-from seaid.checks.channels import OF_LOGS
-from seaid.checks.codes import Observation, consequences, in_drives, merged, observed, that_matter
+from seaid.checks import CODES, channels, engine, model, setup, verdict
+from seaid.checks.check import Check, observed
+from seaid.checks.codes import consequences, in_drives, merged, that_matter
 from seaid.checks.experiment import Experiment
 from seaid.checks.tolerances import MOST_ALIKE
 from seaid.checks.verdict import RobotFit
@@ -155,40 +155,36 @@ def broken(count: int) -> Iterator[Finding]:
 
 
 def test_a_check_that_raises_becomes_a_note_with_its_name() -> None:
-    found = observed([Observation(DRIFT, broken), Observation(HOLES, holes)], 3)
-    assert [finding.code for finding in found] == ["drift", "drift", "holes"]
-    assert found[1].severity == "note"
-    assert found[1].message == "the check 'drift' could not be made: 3 rows are too few"
+    found = observed([Check(DRIFT, (), broken), Check(HOLES, (), holes)], 3)
+    assert [finding.code for finding in found] == ["drift", "holes", "drift"]
+    assert found[2].severity == "note"
+    assert found[2].message == "the check 'drift' could not be made: 3 rows are too few"
 
 
 def fail(*_: Any, **__: Any) -> Any:
     raise ArithmeticError("no such number")
 
 
-def broken_mistakes() -> dict[Any, Any]:
-    """Return all transforms, with functions of their own that raise."""
-    return {
-        (lambda _: True): {(lambda _, code=code: fail(code)): code for code in generators.values()}
-        for generators in setup.MISTAKES.values()
-    }
+def broken_checks(checks: Iterable[Any]) -> list[Any]:
+    """Return checks that are always made and raise."""
+    return [replace(check, needs=(), proposed=fail) for check in checks]
 
 
 BROKEN: dict[str, tuple[Any, str, Any]] = {
-    "logs": (channels, "OF_LOGS", [replace(check, look=fail) for check in OF_LOGS]),
-    "mistakes": (setup, "MISTAKES", broken_mistakes()),
+    "logs": (setup, "OF_LOGS", broken_checks(setup.OF_LOGS)),
+    "mistakes": (setup, "MISTAKES", broken_checks(setup.MISTAKES)),
     "transforms": (setup, "transforms", fail),
     "misfits": (Experiment, "cost", fail),
-    "columns": (model, "COLUMN_CHECKS", [replace(x, candidates=fail) for x in model.COLUMN_CHECKS]),
+    "columns": (model, "COLUMN_CHECKS", broken_checks(model.COLUMN_CHECKS)),
     "wording": (model, "COLUMN_CHECKS", [replace(x, finding=fail) for x in model.COLUMN_CHECKS]),
     "selection": (engine, "forward_selection", fail),
-    "fit": (verdict, "_OF_FIT", [replace(check, look=fail) for check in verdict._OF_FIT]),
-    "rest": (setup, "_OF_REST", [replace(check, look=fail) for check in setup._OF_REST]),
-    "friction": (commands, "of_friction_alone", fail),
-    "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, look=fail)),
-    "offsets": (channels, "offset_findings", fail),
-    "delays": (channels, "decided_delays", fail),
+    "fit": (verdict, "OF_FIT", broken_checks(verdict.OF_FIT)),
+    "rest": (setup, "OF_REST", broken_checks(setup.OF_REST)),
+    "motion": (setup, "OF_MOTION", broken_checks(setup.OF_MOTION)),
+    "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, proposed=fail)),
+    "delays": (channels, "DELAYS", replace(channels.DELAYS, proposed=fail)),
     "ratings": (setup, "_are_scales", fail),
-    "strengths": (checking, "_STRENGTHS", replace(checking._STRENGTHS, look=fail)),
+    "strengths": (checking, "_STRENGTHS", replace(checking._STRENGTHS, proposed=fail)),
     "stops": (checking, "stop_findings", fail),
     "contacts": (RobotFit, "contacts", property(fail)),
     "blocks": (verdict, "_blocks", fail),
@@ -217,10 +213,10 @@ def test_a_fit_stands_whatever_a_check_raises(part: str, monkeypatch: pytest.Mon
     identified = seaid.identify(robot, log)
     assert identified.drives
     codes = {
-        "logs": [check.code for check in OF_LOGS],
-        "mistakes": [x for generators in setup.MISTAKES.values() for x in generators.values()],
+        "logs": [check.code for check in setup.OF_LOGS],
+        "mistakes": [check.code for check in setup.MISTAKES],
         "columns": [check.code for check in model.COLUMN_CHECKS],
-        "fit": [check.code for check in verdict._OF_FIT],
+        "fit": [check.code for check in verdict.OF_FIT],
     }.get(part, ())
     checked = () if part in ONLY_IN_FITS else (seaid.check(robot, log).warnings,)
     for findings in (identified.warnings, *checked):

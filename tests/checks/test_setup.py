@@ -18,6 +18,7 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.checks.bodies import _with_length, file_findings
+from seaid.checks.check import Check
 from seaid.checks.codes import CODES
 from seaid.checks.experiment import (
     _FIELDS_OF,
@@ -527,7 +528,7 @@ def test_no_more_trials_are_in_memory_than_are_compared() -> None:
         del transform
         assert sum(reference() is not None for reference in references) <= 2 * SHORTLIST
 
-    mistakes(experiment(arm(), arm_log()), {lambda _: True: {factors: CODES["unit"]}})
+    mistakes(experiment(arm(), arm_log()), [Check(CODES["unit"], (), factors)])
     assert len(references) >= 4 * SHORTLIST
 
 

@@ -14,9 +14,9 @@ from scipy.interpolate import make_interp_spline
 import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
-from seaid.checks.codes import observed
+from seaid.checks.check import observed
 from seaid.errors import SeaidError
-from seaid.legged.base import _RECORD_CHECKS, BaseRecord
+from seaid.legged.base import RECORD_CHECKS, BaseRecord
 from seaid.legged.floating import floating_regressor, floating_rows, planar_rotations
 from seaid.log import BaseLog
 from seaid.log.filtering import spline_derivatives
@@ -447,6 +447,6 @@ def test_a_velocity_is_the_change_of_the_position(folder: Path, plane: Any, what
         position=position + 1e-4 * rng.normal(size=position.shape) * (shift > 0),
         velocity=change(velocity),
     )
-    found = observed(_RECORD_CHECKS, BaseRecord(log, time, base))
+    found = observed(RECORD_CHECKS, BaseRecord(log, time, base))
     assert [x.code for x in found] == ["base-frames"] * (what != "right")
     assert all(text in x.message for x in found)
