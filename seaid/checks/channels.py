@@ -7,7 +7,7 @@ change that repairs it.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -320,35 +320,6 @@ def _references(logged: Logged) -> Iterator[Finding]:
             )
 
 
-HELD = "samples held"
-"""The evidence of torques that are held over samples of their log."""
-
-
-def _held_torques(logged: Logged) -> Iterator[Finding]:
-    """Yield the motor torques that come more rarely than the samples of their log.
-
-    A value that is held over n samples is (n - 1) / 2 samples late on average.
-    """
-    for name, log in logged.named if not logged.robot.has_controllers else ():
-        held: dict[int, list[Channel]] = {}
-        for channel in channels_of(log, logged.used, "motor_torque"):
-            count = held_over(log.time, channel.values)
-            if count > 1 and channel.source is not None and not channel.entry.get("delay_s"):
-                held.setdefault(count, []).append(channel)
-        for count, channels in held.items():
-            late = 0.5 * (count - 1) * float(np.median(np.diff(log.time)))
-            lines = {x.joint: {"motor_torque": x.changed(delay_s=late)} for x in channels}
-            yield CODES["delay"].note(
-                f"the motor torques of {', '.join(lines)} are held over {count} samples of {name}, "
-                f"and so {1e3 * late:.3g} ms late on average, which biases friction, unless the "
-                "motors give them so",
-                evidence={HELD: count, "delay [s]": late},
-                remedy=in_description(lines, name),
-                certainty="possible",
-                joints=tuple(lines),
-            )
-
-
 def _saturated(logged: Logged) -> Iterator[Finding]:
     """Yield the channels that stay at their extremes: of each the log that does so longest."""
     longest: dict[tuple[str, str], tuple[float, str, float]] = {}
@@ -433,7 +404,6 @@ OF_LOGS = (
     Check(CODES["holes"], (), _lost_samples),
     Check(CODES["missing-drives"], (), _missing_drives),
     Check(CODES["reference-position"], (), _references),
-    Check(CODES["delay"], (), _held_torques),
     Check(CODES["saturation"], (), _saturated),
     Check(CODES["locked-output"], (), _locked),
     Check(CODES["standstill"], (), _standing),
@@ -606,26 +576,3 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
                 text += "the robot file: check the unit of its channels and of the time"
                 evidence = {f"{name} over its limit": largest / limit}
                 yield CODES["unit"].finding(text, joint, evidence=evidence, certainty="possible")
-
-
-def _decided_delays(experiment: Experiment, held: Sequence[Finding]) -> Iterator[Finding]:
-    """Yield the findings of torques `held` over samples, unless the motion excludes a delay.
-
-    Torques that a motor gets held are not late; a longer delay has another cause.
-    """
-    for finding in held:
-        places = {experiment.robot.index(joint) for joint in finding.joints}
-        delays = [delay for j, delay in experiment.torque_delays.items() if j in places]
-        late = finding.evidence["delay [s]"]
-        values, errors = np.array(delays).reshape(-1, 2).T
-        # A well-known delay of one joint does not decide alone: all count as off by `late`.
-        weights = 1.0 / (errors**2 + late**2)
-        half = tol.MOST * late
-        # |w e| / sum(w) is the error of the weighted mean: beyond `half` it decides nothing.
-        if not delays or float(np.linalg.norm(weights * errors) / np.sum(weights)) > half:
-            yield finding
-        elif half < np.average(values, weights=weights) < max(late + half, tol.LEAST_DELAY_S):
-            yield replace(finding, severity="doubtful", certainty="likely")
-
-
-DELAYS = Check(CODES["delay"], (), _decided_delays)

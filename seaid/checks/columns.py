@@ -127,6 +127,12 @@ class Side:
         pairs = zip(values.tolist(), errors.tolist(), strict=True)
         return dict(zip(self.equation.rows.names, pairs, strict=False))  # the columns are the last
 
+    def changed_by(self, accepted: Acceptance) -> dict[str, Array]:
+        """Return the changes (p,) of the parameters in standard errors and in per cent."""
+        estimate, change = self.fitted.estimate, sum(x.change for x in accepted)
+        sizes = {"standard errors": estimate.standard_errors, "%": np.abs(estimate.values) / 100}
+        return {x: np.abs(change) / np.maximum(y, np.finfo(float).tiny) for x, y in sizes.items()}
+
     def swing(self, joint: str) -> float:
         """Return the range of a joint [rad or m], in the motion where it is largest."""
         index = self.robot.index(joint)

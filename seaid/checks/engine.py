@@ -27,7 +27,7 @@ from scipy.special import stdtrit
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid.checks.check import Check
-from seaid.checks.tolerances import CONFIDENCE, NEGLIGIBLE, SIGNIFICANT, SLIGHT
+from seaid.checks.tolerances import CONFIDENCE, MOST, NEGLIGIBLE, SIGNIFICANT, SLIGHT
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation import qr_factor
@@ -465,8 +465,9 @@ class Equation:
     def is_promising(self, alternatives: Iterable[Alternative]) -> bool:
         """Whether columns explain enough of the residual of the rows that they act on.
 
-        That is a part of it, and of the torque of some joint. Columns in place of others explain no
-        more than they do next to all columns.
+        That is a part of it, and of the torque of some joint unless it is most of the residual: a
+        delay in quadrature to a large torque is small next to it, and all of the friction. Columns
+        in place of others explain no more than they do next to all columns.
         """
         columns = [model.columns for model in alternatives]
         rows, whole = np.any(np.hstack(columns) != 0, axis=1), self.weighted(np.hstack(columns))
@@ -474,7 +475,8 @@ class Equation:
         # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
         # torque, and NEGLIGIBLE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
-        needed = max(SLIGHT * self.squares(rows), (NEGLIGIBLE * min(torques, default=0.0)) ** 2)
+        residual, torque = self.squares(rows), min(torques, default=0.0)
+        needed = max(SLIGHT * residual, min((NEGLIGIBLE * torque) ** 2, MOST * residual))
         acting = np.flatnonzero(np.any(whole != 0, axis=1))
         parts = np.repeat(np.arange(len(columns)), [x.shape[1] for x in columns])
         of_rows = whole[acting], self.basis[acting], self.residual[acting]

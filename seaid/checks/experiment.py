@@ -288,21 +288,13 @@ class Experiment:
         inertia = self.inertia.copy()
         for j in map(self.robot.index, self.robot.elastic_joints):
             if not inertia[j] and np.any(moving(self.motor[1][:, j])):
-                x, _ = self._by_motor_equation(j)
-                inertia[j] = max(float(x[-1]), 0.0) if x.size else 0.0
+                rows, y, others = self._of_spring(j)
+                # any delay of the torque, stiffness and friction; the rotor comes last
+                columns = np.column_stack([self.torque_rate[:, j], self.apart[:, j], others])
+                is_known = np.all(np.isfinite(self.torque[:, j]))
+                if is_known and np.sum(rows) > 3 * columns.shape[1]:
+                    inertia[j] = max(float(fitted(columns[rows], y[rows])[0][-1]), 0.0)
         return inertia
-
-    def _by_motor_equation(self, j: int) -> tuple[Array, Array]:
-        """Return what (7) determines of a joint with a spring and a torque, and its covariance.
-
-        That is minus the delay of the torque, the stiffness, any friction, and a rotor inertia that
-        is unknown. Too few rows determine nothing.
-        """
-        rows, y, others = self._of_spring(j)
-        columns = np.column_stack([self.torque_rate[:, j], self.apart[:, j], others])
-        if np.sum(rows) <= 3 * columns.shape[1] or not np.all(np.isfinite(self.torque[:, j])):
-            return np.empty(0), np.empty((0, 0))
-        return fitted(columns[rows], y[rows])
 
     @derived(*_OF_TORQUES)
     def _torque_sizes(self) -> Array:
@@ -573,36 +565,6 @@ class Experiment:
         """Whether the known motor torque (n,) of a stiff joint turns a rotor of any inertia."""
         is_stiff = ~np.isin(np.arange(self.robot.n), self._elastic)
         return np.asarray(self._is_open & np.isfinite(self.torque[0]) & is_stiff)
-
-    @cached_property
-    def torque_delays(self) -> dict[int, tuple[float, float]]:
-        """Delay of the motor torque and its standard error [s], by joint.
-
-        From the motor equation (7) of spring joints, and from the motion with any bodies of others,
-        and any rotor inertia that is unknown.
-        """
-        delays = {}
-        driven = [j for j in self.used if np.all(np.isfinite(self.torque[:, j]))]
-        for j in (j for j in driven if j in self._elastic):
-            x, covariance = self._by_motor_equation(j)
-            if x.size:  # A torque that is late by d is tau - d tau': the coefficient of tau' is -d.
-                delays[j] = -float(x[0]), float(np.sqrt(covariance[0, 0]))
-        stiff = [j for j in driven if j in self.on_bodies and j not in self._elastic]
-        if stiff:
-            rates = [self.lever[j] * self.torque_rate[:, [j]] for j in stiff]
-            friction = [self._any_friction(j, bool(self._is_open[j])) for j in stiff]
-            # At once, because a late torque spoils the bodies, and with them the other joints.
-            # (R, joints) -> (joints R,): the equations, over their torques, are joint by joint.
-            weight = (self._moving[:, stiff] / self._torque_sizes[stiff]).T.ravel()
-            of_each = [block_diag(*rates), block_diag(*friction)]
-            A = weight[:, None] * np.hstack([*of_each, np.concatenate(self.columns[stiff])])
-            norms = np.linalg.norm(A, axis=0)
-            A[:, norms < _TINY * np.max(norms)] = 0.0
-            # The rates come first: x[:joints] are minus the delays.
-            x, covariance = fitted(A, weight * self.target[:, stiff].T.ravel(), len(stiff))
-            errors = np.sqrt(np.diag(covariance))
-            delays |= {j: (-float(x[k]), float(errors[k])) for k, j in enumerate(stiff)}
-        return delays
 
     @cached_property
     def encoder_ratios(self) -> dict[int, tuple[float, float]]:

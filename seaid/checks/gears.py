@@ -598,19 +598,26 @@ def _is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Find
     delay = _late_encoder(side, joint, late) if channel == "joint_position" else value
     if delay is None:
         return None
+    changes = side.changed_by(accepted)
+    is_large = (changes["standard errors"] > tol.SIGNIFICANT) & (changes["%"] > 100 * tol.POOR)
     surely = abs(delay[0]) - tol.SURE * delay[1]
-    return late_channels(side, {joint: channel}, delay, share, surely)
+    is_doubt = bool(np.any(is_large)) or surely > tol.LEAST_DELAY_S
+    return late_channels(side, {joint: channel}, delay, share, is_doubt)
 
 
 def late_channels(
-    side: Side, channels: Mapping[str, str], value: tuple[float, float], share: float, surely: float
+    side: Side,
+    channels: Mapping[str, str],
+    value: tuple[float, float],
+    share: float,
+    is_doubt: bool,
 ) -> Finding:
     """Return the finding that {joint: channel}, of one kind, are late, or early.
 
     `value` is their delay [s] and its standard error; it explains the `share` of a residual. The
-    finding is a doubt, and not a note, if `surely` [s] is above the least delay that matters. Of
-    one joint that is what exceeds `SURE` standard errors; of a delay common to many joints it is
-    the whole, because their scatter is in the standard error already.
+    finding is a doubt, and not a note, if the delay is above the least one that matters, or changes
+    a parameter. Of one joint what exceeds `SURE` standard errors counts; of a delay common to many
+    joints the whole does, because their scatter is in the standard error already.
     """
     delay, error = value
     earlier = partial(changed_source, delay_s=round(delay, 5))
@@ -624,19 +631,20 @@ def late_channels(
         f"the {late} of {', '.join(channels)} are {1e3 * abs(delay):.3g} +- "
         f"{1e3 * error:.2g} ms {'late' if delay > 0 else 'early'} against the {others}",
         codes.only_joint([*channels]),
-        "doubtful" if surely > tol.LEAST_DELAY_S else "note",
+        "doubtful" if is_doubt else "note",
         {"delay [s]": delay, "standard error [s]": error, "explained": share},
         codes.in_description(entries),
     )
 
 
-def common_delay(selected: Sequence[tuple[Side, engine.Selection]]) -> Finding | None:
+def common_delay(
+    selected: Sequence[tuple[Side, engine.Selection]], delays: Mapping[str, tuple[float, float]]
+) -> Finding | None:
     """Return the finding that all motor torques are late by as much, None without it.
 
-    Delays of single joints that the rows hardly show add up: the weighted mean has the error of
-    its parts, and their scatter (Birge 1932).
+    `delays` are those of all sides. Those of single joints that the rows hardly show add up: the
+    weighted mean has the error of its parts, and their scatter (Birge 1932).
     """
-    delays = {joint: delay for pair in selected for joint, delay in _delays(*pair).items()}
     if len(delays) < 2:
         return None
     values, errors = np.array(list(delays.values())).T
@@ -653,10 +661,10 @@ def common_delay(selected: Sequence[tuple[Side, engine.Selection]]) -> Finding |
     shares = [x.share for x in accepted if x.trial.candidate.about.code is codes.CODES["delay"]]
     side, share = selected[0][0], max(shares, default=0.0)
     channels = {joint: torque_channel(side, joint) for joint in delays}
-    return late_channels(side, channels, (common, error), share, abs(common))
+    return late_channels(side, channels, (common, error), share, is_doubt=True)
 
 
-def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, float]]:
+def torque_delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, float]]:
     """Return the delay of each motor torque [s], and its standard error, by one fit of all.
 
     The fit has the accepted columns other than delays. All delays are fitted at once, because a

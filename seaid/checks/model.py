@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial, singledispatch
+from functools import cached_property, partial, singledispatch
 from itertools import chain, compress, product
 
 import numpy as np
@@ -21,7 +21,7 @@ from seaid.checks.check import guarded, proposals
 from seaid.checks.codes import CODES, EXPLAINED, Cause, joints_of, notes_beside, undecided
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import ColumnCheck
-from seaid.checks.gears import GEAR_CHECKS, common_delay
+from seaid.checks.gears import GEAR_CHECKS, common_delay, torque_delays
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG, SURE
 from seaid.checks.values import drive_findings, noise_findings, sure_offsets
@@ -158,6 +158,11 @@ class SideSelection:
     findings: Mapping[tuple[ColumnCheck[Side], str], Finding]
     notes: Sequence[Finding] = ()
 
+    @cached_property
+    def delays(self) -> dict[str, tuple[float, float]]:
+        """The delay of each motor torque [s], and its standard error."""
+        return torque_delays(self.side, self.selection)
+
     @property
     def doubtful(self) -> set[tuple[ColumnCheck[Side], str]]:
         """The checks and joints with a finding above a note: a note explains nothing away."""
@@ -193,11 +198,9 @@ def _with_effect(side: Side, finding: Finding, accepted: Sequence[engine.Accepte
 
     The change is in standard errors of the estimate, and in per cent of the value.
     """
-    estimate, change = side.fitted.estimate, sum(x.change for x in accepted)
-    sizes = {"standard errors": estimate.standard_errors, "%": np.abs(estimate.values) / 100}
-    changes = {x: np.abs(change) / np.maximum(y, np.finfo(float).tiny) for x, y in sizes.items()}
+    changes = side.changed_by(accepted)
     worst = int(np.argmax(changes["standard errors"]))
-    name = first_term(readable(estimate.names[worst]))
+    name = first_term(readable(side.fitted.estimate.names[worst]))
     effect = {f"change of {name} [{unit}]": float(x[worst]) for unit, x in changes.items()}
     return replace(finding, evidence={**finding.evidence, **effect})
 
@@ -281,6 +284,11 @@ def without_echoes(
             vanished |= gone if side.doubtful else set()
         sides.append(side)
     return [x for x in values if (x.code, x.joint) not in vanished], sides
+
+
+def delays_of(selected: Iterable[SideSelection]) -> dict[str, tuple[float, float]]:
+    """Return {joint: delay of its torque and standard error [s]} of all equations."""
+    return {joint: delay for side in selected for joint, delay in side.delays.items()}
 
 
 def selections(sides: Sequence[Side]) -> list[SideSelection]:
@@ -370,5 +378,6 @@ def _with_common_delay(
     others = [finding for finding in findings if finding.code != "delay" or not finding.joint]
     if any(finding.code == "delay" for finding in (*mistakes, *others)):
         return others
-    common = common_delay([(side.side, side.selection) for side in selected])
+    pairs = [(side.side, side.selection) for side in selected]
+    common = common_delay(pairs, delays_of(selected))
     return findings if common is None else [common, *others]

@@ -16,7 +16,7 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, permutations, product
+from itertools import permutations, product
 from operator import attrgetter
 from typing import Any
 
@@ -908,9 +908,6 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
     Torques beyond their limits are no finding of joints whose gains are in another unit, or whose
     limit is another one.
     """
-    held = [finding for finding in known if channels.HELD in finding.evidence]
-    known = [finding for finding in known if finding not in held]
-    known += observed([channels.DELAYS], experiment, held)
     findings = [*known, *_of_motion(experiment, known)]
     joints = {joint for finding in findings for joint in finding.joints}
     return [x for x in findings if x.code != "saturation" or x.joints or x.joint not in joints]
@@ -976,18 +973,23 @@ OF_MOTION: Sequence[Check[Experiment, Finding]] = (
 
 
 def joint_checks(
-    experiment: Experiment, motions: Sequence[Motion], findings: list[Finding]
+    experiment: Experiment,
+    motions: Sequence[Motion],
+    findings: list[Finding],
+    delays: Mapping[str, tuple[float, float]],
 ) -> Mapping[str, JointCheck]:
-    """Return what the motions of an experiment say of each joint, and add a note if that fails."""
+    """Return what the motions of an experiment show of each joint, and add a note if that fails.
+
+    `delays` {joint: delay of its torque and standard error [s]} are those of a fit.
+    """
     swings = np.max([np.ptp(motion.joint_position, axis=0) for motion in motions], axis=0).tolist()
     names = experiment.robot.joint_names
     checks = dict(zip(names, map(JointCheck, swings), strict=True))
     with guarded(CODES["gear-ratio"], findings):
         moving, unknown = experiment.in_motion, (math.nan, math.nan)
-        pairs = experiment.encoder_ratios, experiment.torque_delays
         for j, joint in enumerate(names):
             slope = gears.encoder_slope(experiment, j) if experiment.both[j] else math.nan
             misfits = float(moving.nominal[j]), float(moving.free[j]), float(moving.of_motors[j])
-            measured = chain.from_iterable(pair.get(j, unknown) for pair in pairs)
-            checks[joint] = JointCheck(swings[j], slope, *misfits, *measured)
+            ratio, delay = experiment.encoder_ratios.get(j, unknown), delays.get(joint, unknown)
+            checks[joint] = JointCheck(swings[j], slope, *misfits, *ratio, *delay)
     return FrozenMapping(checks, "joint")

@@ -23,7 +23,7 @@ from seaid.checks.codes import is_wrong, merged
 from seaid.checks.columns import Side
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
-from seaid.checks.model import model_findings, selections
+from seaid.checks.model import delays_of, model_findings, selections
 from seaid.checks.setup import joint_checks, log_findings, setup_findings
 from seaid.checks.verdict import Contact, RobotFit
 from seaid.drives import IDEAL_DRIVE, Drive
@@ -114,11 +114,12 @@ def check(
     by_log = [list(map(first_motion, x)) for x in datasets_by_log(robot, sources, cutoff_hz)]
     experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
     findings = findings_of_setup(experiment, {*robot.joint_names}, findings, in_memory)
+    delays: Mapping[str, tuple[float, float]] = {}
     if not is_wrong(findings):
         # Angles that follow from the torque of a motor show no delay of it.
-        quick = _quick_fit_findings(robot, in_memory, motions, findings)
+        quick, delays = _of_quick_fit(robot, in_memory, motions, findings)
         findings += [x for x in quick if x.joint not in unseen]
-    joints = joint_checks(experiment, motions, findings)
+    joints = joint_checks(experiment, motions, findings, delays)
     return SetupCheck(merged(findings), joints)
 
 
@@ -153,10 +154,10 @@ _OF_LOGS = ("delay", "encoder-offset")
 """Mistakes of a log that its equations show; a term that a drive lacks is none of the set-up."""
 
 
-def _quick_fit_findings(
+def _of_quick_fit(
     robot: Robot, logs: Sequence[Log], motions: Sequence[Motion], known: Sequence[Finding]
-) -> list[Finding]:
-    """Return what the equations show of logs and commands, by weighted least squares, if any."""
+) -> tuple[list[Finding], Mapping[str, tuple[float, float]]]:
+    """Return what weighted least squares show of logs and commands, and the delays of torques."""
     with suppress(SeaidError):
         used = joints_with_torque(robot, motions)
         datasets: list[Dataset] = [*motions]
@@ -164,11 +165,11 @@ def _quick_fit_findings(
             robot, datasets = linearised_robot(robot, datasets, used)
         condition = Condition(robot, datasets, used)
         fit = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
-        sides = checked_sides(condition, fit, logs)
-        delays = delay_estimate_findings(robot, robot, fit.load_side)
-        shown = model_findings(selections(sides), known)
-        return [*(x for x in shown if x.severity != "note" and x.code in _OF_LOGS), *delays]
-    return []
+        selected = selections(checked_sides(condition, fit, logs))
+        of_commands = delay_estimate_findings(robot, robot, fit.load_side)
+        shown = [x for x in model_findings(selected, known) if x.severity != "note"]
+        return [*(x for x in shown if x.code in _OF_LOGS), *of_commands], delays_of(selected)
+    return [], {}
 
 
 def checked_sides(

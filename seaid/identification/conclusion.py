@@ -21,7 +21,7 @@ from seaid.checks.codes import consequences, is_wrong
 from seaid.checks.columns import unknown_scales
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.experiment import experiment_of
-from seaid.checks.model import model_findings, without_echoes, without_setup_echoes
+from seaid.checks.model import delays_of, model_findings, without_echoes, without_setup_echoes
 from seaid.checks.setup import joint_checks
 from seaid.checks.values import (
     drive_findings,
@@ -213,7 +213,7 @@ def _with_fit_quality(
         of_rows = extension.fit_findings(result, case.datasets, fit.fit, case.bias)
         findings += consequences(findings, of_rows)
     findings += extension.value_findings(case.declared, result)
-    setup = joint_checks(experiment, case.motions, findings)
+    setup = joint_checks(experiment, case.motions, findings, delays_of(problem.lacking))
     return replace(
         result,
         findings=tuple(findings),

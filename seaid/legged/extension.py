@@ -322,10 +322,10 @@ def _are_late(
 ) -> Finding | None:
     """Return the finding of torques, or channels of the base, that are late or early as a whole."""
     (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
-    surely = abs(delay) - SURE * error
+    is_doubt = abs(delay) - SURE * error > LEAST_DELAY_S
     if accepted[0].trial.candidate.term == "torques":
         torques = {x: torque_channel(side, x) for x in side.joints}
-        return late_channels(side, torques, (delay, error), share, surely)
+        return late_channels(side, torques, (delay, error), share, is_doubt)
     sources = base_sources(floating(side.robot).floating_base, side.records[0])
     earlier = partial(changed_source, delay_s=round(delay, 5))
     lines = [f"{name} = {as_toml(earlier(source))}" for name, source in sources.items()]
@@ -333,7 +333,7 @@ def _are_late(
         f"{listed([name.replace('_', ' ') for name in sources])} of the base are "
         f"{1e3 * abs(delay):.2f} +- {1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} "
         "against the torques and positions of the joints",
-        severity="doubtful" if surely > LEAST_DELAY_S else "note",
+        severity="doubtful" if is_doubt else "note",
         evidence={"delay [s]": delay, "standard error [s]": error, "explained": share},
         remedy=Remedy("in the description of the log:", {toml_table("base"): lines}),
     )

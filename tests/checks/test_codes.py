@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import seaid
 from seaid import checks
-from seaid.checks import CODES, channels, engine, model, setup, verdict
+from seaid.checks import CODES, engine, model, setup, verdict
 from seaid.checks.check import Check, observed
 from seaid.checks.codes import consequences, in_drives, merged, that_matter
 from seaid.checks.experiment import Experiment
@@ -182,7 +182,6 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "rest": (setup, "OF_REST", broken_checks(setup.OF_REST)),
     "motion": (setup, "OF_MOTION", broken_checks(setup.OF_MOTION)),
     "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, proposed=fail)),
-    "delays": (channels, "DELAYS", replace(channels.DELAYS, proposed=fail)),
     "ratings": (setup, "_are_scales", fail),
     "strengths": (checking, "_STRENGTHS", replace(checking._STRENGTHS, proposed=fail)),
     "stops": (checking, "stop_findings", fail),
