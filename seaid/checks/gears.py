@@ -37,6 +37,7 @@ from seaid.checks.experiment import (
 from seaid.checks.terms import DriveRows
 from seaid.drives import IDEAL_DRIVE, AngleRatio
 from seaid.drives.angle_ratio import Ratios
+from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import Finding, listed
 from seaid.estimation.least_squares import settled_weights
 from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
@@ -44,6 +45,7 @@ from seaid.log import Motion, low_pass
 from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
 from seaid.regressor.base import regressor_at_drives
+from seaid.regressor.regression import INPUT_FIELDS
 
 # In a fit, as columns next to its equations
 
@@ -538,13 +540,25 @@ def _late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
 
 
 def torque_channel(side: Side, joint: str) -> str:
-    """Return the torque in the equation of a joint, "" if it is one of commands or of no sensor."""
+    """Return the torque, current or voltage in the equation of a joint, "" if it is a command."""
     drive, index = side.robot.drives[joint], side.robot.index(joint)
-    is_behind_spring = drive.is_elastic and not side.is_motor
-    channels = ("motor_torque",) if drive.is_elastic else ("motor_torque", "joint_torque")
-    signals = {x: [getattr(motion, x)[:, index] for motion in side.motions] for x in channels}
-    logged = (x for x in channels if all(np.all(np.isfinite(each)) for each in signals[x]))
-    return "" if drive.motor_input != "torque" or is_behind_spring else next(logged, "")
+    if drive.controller is not None or (drive.is_elastic and not side.is_motor):
+        return ""
+    channels = [INPUT_FIELDS[drive.motor_input]]
+    channels += ["joint_torque"] if channels == ["motor_torque"] and not drive.is_elastic else []
+    for channel in channels:
+        signals = [getattr(motion, channel) for motion in side.motions]
+        if all(x is not None and np.all(np.isfinite(x[:, index])) for x in signals):
+            return channel
+    return ""
+
+
+def _constant_of(side: Side, joint: str) -> float:
+    """Return the torque of a motor for a current or voltage of 1 in the rows of its equation."""
+    rows, name = side.drive(joint), MOTOR_CONSTANTS.get(side.robot.drives[joint].motor_input, "")
+    # rows of an unknown constant that is no parameter are those of a constant of 1
+    is_in_rows = name in side.robot.drives[joint].known or rows.has_parameter(name)
+    return rows.values[name] if is_in_rows else 1.0
 
 
 def _slope(side: Side, joint: str) -> Array:
@@ -564,6 +578,7 @@ def late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     """
     rows, drive, index = side.drive(joint), side.robot.drives[joint], side.robot.index(joint)
     is_ideal, channel = drive == IDEAL_DRIVE, torque_channel(side, joint)
+    constant = _constant_of(side, joint)
     is_open = is_ideal or drive.motor_inertia_kg_m2 is None
     fastest = max(float(np.max(np.abs(x.motor_velocity[:, index]))) for x in side.motions)
 
@@ -581,8 +596,9 @@ def late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     # Filtered first: at the ends of a log the filter continues a torque and not a slope, the noise
     # of which is as large as its first difference.
     def slope_in(motion: Motion) -> Array:
-        torque, band_hz = getattr(motion, channel)[:, [index]], POSITION_BAND * motion.cutoff_hz
-        return np.gradient(low_pass(torque, motion.rate_hz, band_hz), motion.time, axis=0)
+        signal, band_hz = getattr(motion, channel)[:, [index]], POSITION_BAND * motion.cutoff_hz
+        smooth = low_pass(signal, motion.rate_hz, band_hz)
+        return constant * np.gradient(smooth, motion.time, axis=0)
 
     return -rows.at_rows([*map(slope_in, side.motions)]), alike
 
@@ -625,8 +641,8 @@ def late_channels(
         joint: {channel: earlier(side.sources.get(joint, {}).get(channel, ""))}
         for joint, channel in channels.items()
     }
-    is_angle = "joint_position" in channels.values()
-    late, others = ("joint positions", "motor positions") if is_angle else ("torques", "positions")
+    late = f"{next(iter(channels.values())).replace('_', ' ')}s"
+    others = "motor positions" if late == "joint positions" else "positions"
     return codes.CODES["delay"].finding(
         f"the {late} of {', '.join(channels)} are {1e3 * abs(delay):.3g} +- "
         f"{1e3 * error:.2g} ms {'late' if delay > 0 else 'early'} against the {others}",

@@ -109,6 +109,10 @@ class DriveRows:
         fitted = {name: float(self.theta[place]) for place, name in self._parameters.items()}
         return {**self.robot.drives[self.joint].values, **fitted}
 
+    def has_parameter(self, name: str) -> bool:
+        """Whether a parameter of the drive is one of the rows."""
+        return name in self._parameters.values()
+
     @cached_property
     def _parameters(self) -> dict[int, str]:
         """The parameters of the drive by their places among those of the rows."""
