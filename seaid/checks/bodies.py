@@ -336,7 +336,7 @@ def _masses(experiment: Experiment) -> tuple[Array, Array, Array, tuple[float, f
     centres and inertias have their errors, too: a torque shows products of masses and lengths.
     """
     robot, bodies = experiment.robot, experiment.robot.parameters.reshape(-1, 10)
-    if not experiment.has_bodies or robot.known_bodies:
+    if not experiment.has_bodies or robot.known_bodies or np.any(experiment.is_unscaled):
         return None
     each = scipy.linalg.block_diag(*bodies)
     effects = experiment.over_noise(experiment.regressor @ each.T)

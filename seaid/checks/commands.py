@@ -584,7 +584,7 @@ def _with_limit(experiment: Experiment, j: int, limit: float) -> Experiment:
     most = np.where(np.arange(experiment.robot.n) == j, limit / experiment.lever, np.inf)
     is_cut, torque = np.abs(experiment.torque) > most, np.clip(experiment.torque, -most, most)
     rate = np.where(is_cut, 0.0, experiment.torque_rate)
-    return experiment.with_changes(torque=torque, torque_rate=rate)
+    return experiment.with_changes(effort=torque, effort_rate=rate)
 
 
 def gain_scales(experiment: Experiment) -> Iterator[Transform]:

@@ -55,7 +55,7 @@ KINDS = {
 it is a part of)}, the quickly computed ones first."""
 
 _ARRAYS = {"q": ["joint"], "m": ["motor", "direction"], "s": ["sensed"]}
-_ARRAYS["t"] = ["torque", "torque_rate"]
+_ARRAYS["t"] = ["effort", "effort_rate"]
 """{channel of a joint: the fields (..., n) that a change of it changes}: q is the position of the
 joint, m that of the motor, t the torque and s that of a sensor behind the motor. Without a motor
 torque the sensor of a joint is its channel t."""
@@ -94,11 +94,11 @@ class TorqueScale:
 
 
 _OF_LOADS = ("robot", "joint", "motor", "direction", "sprung")
-_OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "torque", "torque_rate", "sensed", "unscaled")
+_OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "effort", "effort_rate", "sensed", "is_unscaled")
 _SIGNALS = (*_OF_TORQUES, "both", "counted")
 """Fields of an experiment from which its loads, its torques, and all but bodies are derived."""
 
-_OF_INSTANTS = (*chain.from_iterable(_ARRAYS.values()), "time", "unscaled", "counted")
+_OF_INSTANTS = (*chain.from_iterable(_ARRAYS.values()), "time", "counted")
 """Fields (..., R, k) with a value for each instant."""
 
 SHORTLIST = 12
@@ -133,13 +133,14 @@ class Experiment:
 
     `log` (R,): number of the log, from 0; `time` (R, 1) [s] in it; `rate_hz`: sampling rate;
     `motor` and `joint` (3, R, n): position, velocity and acceleration of both sides; `direction`
-    (R, n): the sign of the motor speed; `torque`, its derivative `torque_rate`, and `sensed` (R,
-    n): of motor and joint, NaN without the sensor; `unscaled` (R, n): the current or the voltage of
-    a motor whose constant is unknown, NaN of the others; `both` (n,): whether both encoders were
-    logged; `ratio`, `inertia` (n,): gear ratios and rotor inertias; `sprung` (n,): whether a spring
-    is parallel to the joint; `bodies` (10n,): standard parameters with payloads; `sources`: of each
-    log {joint: {quantity: column or entry of its description}}; `counted` (R, n): whether misfits
-    are taken at an instant; `has_wrenches`: whether contact forces were measured.
+    (R, n): the sign of the motor speed; `effort` and its derivative `effort_rate` (R, n): torque of
+    the motor, or its current or voltage if it `is_unscaled` (n,), by a constant that is unknown;
+    `sensed` (R, n): torque of a sensor behind it; NaN without these; `both` (n,): whether both
+    encoders were logged; `ratio`, `inertia` (n,): gear ratios and rotor inertias; `sprung` (n,):
+    whether a spring is parallel to the joint; `bodies` (10n,): standard parameters with payloads;
+    `sources`: of each log {joint: {quantity: column or entry of its description}}; `counted`
+    (R, n): whether misfits are taken at an instant; `has_wrenches`: whether contact forces were
+    measured.
     """
 
     robot: Robot
@@ -149,10 +150,10 @@ class Experiment:
     motor: Array
     joint: Array
     direction: Array
-    torque: Array
-    torque_rate: Array
+    effort: Array
+    effort_rate: Array
     sensed: Array
-    unscaled: Array
+    is_unscaled: BoolArray
     both: BoolArray
     ratio: Array
     inertia: Array
@@ -189,7 +190,9 @@ class Experiment:
 
     def with_changes(self, **changes: Any) -> Experiment:
         """Return the experiment with other fields, and what was derived from those that stay."""
-        changed, names = replace(self, **changes), changes.keys()
+        changed, names = replace(self, **changes), {*changes}
+        # unknown constants follow from all that there is
+        names |= {"effort"} if np.any(self.is_unscaled) else set()
         stay = (name for name in vars(self) if not _FIELDS_OF.get(name, names) & names)
         vars(changed).update({name: vars(self)[name] for name in stay})
         return changed
@@ -270,6 +273,45 @@ class Experiment:
         """N r_L / r_M (n,), positive: the torque on the load per torque of the motor."""
         drives = self.robot.drives.values()
         return np.asarray(self.ratio * [drive.load_radius / drive.motor_radius for drive in drives])
+
+    @derived(*_OF_TORQUES)
+    def constants(self) -> Array:
+        """Torque (n,) of a motor per effort: 1, or a constant with which its bodies explain most.
+
+        It has the sign of that of a motor. Where the log does not show it the torque is as large as
+        that of the bodies; without these it is 1. A torque sensor is in place of an unknown one.
+        """
+        constants = np.where(self.is_unscaled & np.isfinite(self.sensed[0]), np.nan, 1.0)
+        unknown = self.is_unscaled & np.isfinite(constants) & self.robot.base_is_held
+        unscaled = np.flatnonzero(unknown).tolist()
+        for j in unscaled if unscaled and np.all(np.isfinite(self.bodies)) else ():
+            # (7) into (4b): N r_L / r_M K i is the torque of the load, of the rotor and of friction
+            load = self.of_file[:, j] + self.lever[j] * self.inertia[j] * self.motor[2][:, j]
+            columns = np.column_stack([load, self._any_friction(j, not self.inertia[j])])
+            rows, effort = self._moving[:, j], self.lever[j] * self.effort[:, j]
+            if np.sum(rows) > 3 * columns.shape[1] and np.std(effort) > 0:
+                x, covariance = fitted(columns[rows], effort[rows])
+                is_shown = abs(x[0]) > tol.SURE * math.sqrt(covariance[0, 0])
+                constants[j] = 1 / abs(x[0]) if is_shown else np.std(load) / np.std(effort)
+        return constants
+
+    def with_constants_of(self, robot: Robot) -> Experiment:
+        """Return the experiment with the torques by the motor constants of a robot."""
+        drives = robot.drives.values()
+        given = [x.values.get(MOTOR_CONSTANTS.get(x.motor_input, ""), 1.0) for x in drives]
+        factors = np.where(self.is_unscaled, given, 1.0)
+        of_motors = {name: factors * getattr(self, name) for name in _ARRAYS["t"]}
+        return self.with_changes(is_unscaled=np.zeros_like(self.is_unscaled), **of_motors)
+
+    @property
+    def torque(self) -> Array:
+        """The torque (R, n) of motors, NaN without a sensor or a constant."""
+        return np.asarray(self.constants * self.effort)
+
+    @property
+    def torque_rate(self) -> Array:
+        """The derivative (R, n) of the torque of motors."""
+        return np.asarray(self.constants * self.effort_rate)
 
     @derived(*_OF_TORQUES)
     def target(self) -> Array:
@@ -397,8 +439,9 @@ class Experiment:
 
     @derived(*_SIGNALS, "bodies")
     def scales(self) -> dict[int, TorqueScale]:
-        """The scale of each used joint, none without bodies."""
-        return {j: self.scale(j) for j in self.on_bodies if self.has_bodies}
+        """The scale of each used joint whose constant is known, none without bodies."""
+        scaled = (j for j in self.on_bodies if not self.is_unscaled[j])
+        return {j: self.scale(j) for j in scaled if self.has_bodies}
 
     @property
     def clear_scales(self) -> dict[int, TorqueScale]:
@@ -411,7 +454,7 @@ class Experiment:
         """The base columns (n, R, p) of the regressor, with all that it shows of bodies."""
         return np.ascontiguousarray(self.base.reduce(self.regressor).swapaxes(0, 1))
 
-    @derived("torque_rate")
+    @derived(*_OF_TORQUES)
     def _rates(self) -> Array:
         """The rates (n, R) of motor torques, zero for others: a torque may be late by any time."""
         return np.where(np.all(np.isfinite(self.torque_rate), axis=0), self.torque_rate, 0.0).T
@@ -456,9 +499,16 @@ class Experiment:
             return misfit, per_row
         # Each joint counts alike: its equations are over the size of its torque.
         R = self._factors[..., :-1] / self._torque_sizes[used, None, None]
-        factor = qr_factor.triangle(R.reshape(-1, R.shape[2]))
-        theta = qr_factor.scaled_svd(factor[:, :-1]).solve(factor[:, -1], qr_factor.RANK_TOLERANCE)
-        residual, misfit[used] = self._residuals(self.columns[used] @ theta)
+        # bodies of a motor without a constant have no scale in common with those of others
+        groups = [[k for k, j in enumerate(used) if not self.is_unscaled[j]]]
+        groups += [[k] for k, j in enumerate(used) if self.is_unscaled[j]]
+        torques = np.empty((len(used), len(self.target)))
+        for group in filter(None, groups):
+            factor = qr_factor.triangle(R[group].reshape(-1, R.shape[2]))
+            svd = qr_factor.scaled_svd(factor[:, :-1])
+            theta = svd.solve(factor[:, -1], qr_factor.RANK_TOLERANCE)
+            torques[group] = self.columns[np.array(used)[group]] @ theta
+        residual, misfit[used] = self._residuals(torques)
         for j, rows in zip(used, residual, strict=True):
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows[self.counted[:, j]]))
         return misfit, per_row
@@ -510,7 +560,7 @@ class Experiment:
         columns = np.column_stack([self.friction[j][:, :2], self.target[:, j]])
         return columns if j in self._elastic else columns[:, :0]
 
-    @derived("torque", "sensed")
+    @derived("effort", "sensed")
     def has_both_torques(self) -> BoolArray:
         """Whether the torques (n,) of the motor and of a sensor behind it were logged."""
         return np.asarray(np.all(np.isfinite(self.torque) & np.isfinite(self.sensed), axis=0))
@@ -601,19 +651,15 @@ class Experiment:
     def _of_spring(self, j: int) -> tuple[BoolArray, Array, Array]:
         """Return the rows (R,), torque (R,) and columns (R, k), without the angles, of a spring.
 
-        They are those of (7) with the motor torque, else of (4b) with the torque sensor, else of
-        (7) with a current or voltage of unknown scale and a rotor of any inertia. A joint without
-        any torque has no rows.
+        They are those of (7) with the motor torque, else of (4b) with the torque sensor. A joint
+        without any torque has no rows.
         """
-        sensed, unscaled = self.sensed[:, j], self.unscaled[:, j]
+        sensed = self.sensed[:, j]
         if np.all(np.isfinite(self.torque[:, j])):
             columns = self._any_friction(j, has_rotor=not self.inertia[j])
             of_spring = self.torque[:, j] - self.inertia[j] * self.motor[2][:, j]
             return self._moving[:, j], of_spring, columns
-        if np.any(np.isfinite(sensed)):
-            return np.isfinite(sensed), np.nan_to_num(sensed), np.ones((len(sensed), 1))
-        is_known = np.isfinite(unscaled) & self._moving[:, j]
-        return is_known, unscaled, self._any_friction(j, has_rotor=True)
+        return np.isfinite(sensed), np.nan_to_num(sensed), np.ones((len(sensed), 1))
 
     @cached_property
     def _moving(self) -> BoolArray:
@@ -772,7 +818,7 @@ class Experiment:
         """
         torque = self.of_file / self.lever + self.rotor * self.motor[2]
         return self.with_changes(
-            torque=np.where(np.isnan(self.torque), np.nan, torque),
+            effort=np.where(np.isnan(self.torque), np.nan, torque / self.constants),
             sensed=np.where(np.isnan(self.sensed), np.nan, self.of_file),
         )
 
@@ -925,17 +971,20 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     bodies = robot.parameters + robot.payload_parameters
     return Experiment(
         robot,
-        np.repeat([number for number, _ in windows], [len(part["torque"]) for part in parts]),
+        np.repeat([number for number, _ in windows], [len(part["effort"]) for part in parts]),
         rate_hz=logs[0][0].rate_hz,
         # A side without an encoder was computed from the other one, and differs by rounding only.
         both=np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor, axis=0),
+        is_unscaled=np.array(
+            [MOTOR_CONSTANTS.get(x.motor_input, "") not in ("", *x.known) for x in drives]
+        ),
         ratio=ratio,
         inertia=np.array([drive.values.get("motor_inertia", 0.0) for drive in drives]),
         sprung=np.array(["linear" in drive.parallel_spring for drive in drives]),
         # a robot file may have no inertias
         bodies=bodies if np.any(robot.parameters) else np.full_like(bodies, np.nan),
         sources=tuple(map(sources_of, logs)),
-        counted=np.ones(signals["torque"].shape, dtype=bool),
+        counted=np.ones(signals["effort"].shape, dtype=bool),
         has_wrenches=any(x.base and x.base.wrenches for x in chain.from_iterable(logs)),
         **signals,
     )
@@ -979,28 +1028,25 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
         known = in_band_at(motion, np.nan_to_num(signal), samples)
         return np.where(np.isnan(signal[0]), np.nan, known)
 
-    unscaled, of_motors = np.full((2, *motion.motor_position.shape), np.nan)
+    of_motors = np.full(motion.motor_position.shape, np.nan)
     for j, drive in enumerate(robot.drives.values()):
         channel = getattr(motion, INPUT_FIELDS[drive.motor_input])
         constant = MOTOR_CONSTANTS.get(drive.motor_input, "")
         if channel is None or drive.is_up_to_scale:
             continue
-        if not constant or constant in drive.known:
-            of_motors[:, j] = drive.values.get(constant, 1.0) * channel[:, j]
-        else:
-            unscaled[:, j] = channel[:, j]
+        is_known = constant in drive.known
+        of_motors[:, j] = (drive.values[constant] if is_known else 1.0) * channel[:, j]
     # At all samples, because the derivative needs the neighbours of a row.
-    torque = filtered(of_motors, np.arange(len(of_motors)))
+    effort = filtered(of_motors, np.arange(len(of_motors)))
     motor = motion.motor_position, motion.motor_velocity, motion.motor_acceleration
     return {
         "time": motion.time[rows, None],
         "motor": np.stack([*map(filtered, motor)]),
         "joint": np.stack([*map(filtered, motion.joint_states)]),
         "direction": filtered(np.sign(motion.motor_velocity)),
-        "torque": torque[rows],
-        "torque_rate": np.gradient(torque, motion.time, axis=0)[rows],
+        "effort": effort[rows],
+        "effort_rate": np.gradient(effort, motion.time, axis=0)[rows],
         "sensed": filtered(torques_at_drives(robot.transmission, motion.joint_torque)),
-        "unscaled": filtered(unscaled),
     }
 
 

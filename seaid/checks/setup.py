@@ -112,7 +112,7 @@ class _Trial:
         remaining, middle = self.left
         if self.shown > least:
             return remaining < tol.MOST and self.total > 0
-        is_possible = bool(self.falls) or _is_value(self.transform)
+        is_possible = bool(self.falls) or _is_value(self.before, self.transform)
         is_explained = max(middle, remaining) < tol.SEVERE and self.total > 0
         return self.shown + self.bodies > least and is_possible and is_explained
 
@@ -124,7 +124,7 @@ def _trial(before: Experiment, transform: Transform, count: int) -> _Trial:
     only a fall by half counts there. Where nearly nothing is left it is noise, whose likelihood
     shows a value that is off by little.
     """
-    changed, is_value = transform.changed, _is_value(transform)
+    changed, is_value = transform.changed, _is_value(before, transform)
     kinds, rows = [*before.misfits], before.independent_rows
     # misfits (kinds, n), of which nothing is less than a hundredth
     x, y = (np.maximum([*each.misfits.values()], tol.FEW) for each in (before, changed))
@@ -318,9 +318,10 @@ _OF_VALUES = (
 """Mistakes that may be small, as fitted factors on positions may be."""
 
 
-def _is_value(transform: Transform) -> bool:
+def _is_value(before: Experiment, transform: Transform) -> bool:
+    """Whether a mistake may be small: not next to motor constants that the bodies have given."""
     is_factor = transform.channels == "qm" and "standard error" in transform.evidence
-    return transform.code.name in _OF_VALUES or is_factor
+    return (transform.code.name in _OF_VALUES or is_factor) and not np.any(before.is_unscaled)
 
 
 # Factors on channels: signs, units of positions and of torques
@@ -451,7 +452,8 @@ _UNITS = {"mNm": 1e3, "Ncm": 1e2, "kNm": 1e-3}
 def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the torque of a joint; those of another unit may have another sign too."""
     rounding = float(np.finfo(float).eps)
-    for j, slope in ((j, experiment.scales[j].shown) for j in experiment.doubted):
+    scales = {j: x.shown for j, x in experiment.scales.items() if j in experiment.doubted}
+    for j, slope in scales.items():
         is_reversed_only = slope < 0 and abs(math.log(-slope)) <= math.log(tol.FAR)
         # beyond, one of the torques is nothing but rounding next to the other
         if is_reversed_only or not rounding < abs(slope) < 1 / rounding:
@@ -541,7 +543,8 @@ def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
 
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield a factor on all torques: their unit, that they are behind the gears, or the masses."""
-    used, lever = experiment.used, experiment.lever[experiment.used]
+    used = [*experiment.scales]
+    lever = experiment.lever[used]
     if len(used) < 2:
         return
     slopes = np.array([scale.shown for scale in experiment.scales.values()])
@@ -655,11 +658,11 @@ def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) 
 def _behind_gears(experiment: Experiment, joints: Sequence[int], factor: float) -> Transform:
     """Return the transform of motor torques that are those behind the gears."""
     names, is_behind = experiment.robot.joint_names, np.isin(np.arange(experiment.robot.n), joints)
-    torque = np.where(is_behind, np.nan, experiment.torque)
+    effort = np.where(is_behind, np.nan, experiment.effort)
     sensed = np.where(is_behind, experiment.torque, experiment.sensed)
     sources = {names[j]: {"joint_torque": experiment.source(j, "motor_torque")} for j in joints}
     text = f"{subject(experiment, joints, 't')} are measured behind the gear, and not at the motor"
-    changed = experiment.with_changes(torque=torque, sensed=sensed)
+    changed = experiment.with_changes(effort=effort, sensed=sensed)
     remedy = '# or, if they are computed from currents: motor_torque = {..., side = "joint"}'
     of_all = CODES["unit"], text, changed, codes.only_joint([*sources]), remedy
     return Transform(*of_all, evidence={"factor": factor}, sources=sources)
@@ -721,7 +724,7 @@ def _with_clock(experiment: Experiment, log_factor: float) -> Experiment:
     return experiment.with_changes(
         joint=powers * experiment.joint,
         motor=powers * experiment.motor,
-        torque_rate=factor * experiment.torque_rate,
+        effort_rate=factor * experiment.effort_rate,
         rate_hz=factor * experiment.rate_hz,
     )
 
