@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
-from typing import Any
 
 import numpy as np
 
@@ -28,8 +27,8 @@ from seaid.estimation.qr_factor import QRFactor, qr_factor_of
 from seaid.identification import two_step
 from seaid.identification.drive_estimates import has_only_spring_torque, with_unit_constant
 from seaid.identification.stacked_fits import LOAD, RobotEstimate
-from seaid.log import Motion, low_pass
-from seaid.log.motion import POSITION_BAND
+from seaid.log import Motion
+from seaid.log.motion import decimated
 from seaid.regressor import Regression, actuator_regression, load_regression
 from seaid.regressor.load import LoadModel
 from seaid.regressor.regression import Regress, stacked
@@ -155,8 +154,9 @@ def _cutoff_findings(
 ) -> Iterator[Finding]:
     """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
     robot, motions = condition.robot, condition.motions
-    few = list(map(_decimated, motions))
-    cutoff_hz = few[0].cutoff_hz
+    cutoff_hz = motions[0].cutoff_hz
+    steps = (int(x.rate_hz / (_SAMPLES_PER_PERIOD * cutoff_hz)) for x in motions)
+    few = [decimated(x, step) if step > 1 else x for x, step in zip(motions, steps, strict=True)]
     # The positions are filtered at a multiple of the narrow cutoff and stay as they are: the wider
     # one is that of regressor and torque.
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
@@ -218,16 +218,3 @@ def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) ->
     """Return the rows of (10) in the columns of a fit, which may be that of a unit constant."""
     rows = actuator_regression(robot, motion, joint)
     return rows if rows.names == fit.qr_factor.names else with_unit_constant(rows)
-
-
-def _decimated(motion: Motion) -> Motion:
-    """Return a motion with fewer samples, torques and directions without what these would alias."""
-    step = max(1, int(motion.rate_hz / (_SAMPLES_PER_PERIOD * motion.cutoff_hz)))
-    band = POSITION_BAND * motion.cutoff_hz
-    inputs = ("motor_torque", "joint_torque", "motor_current", "motor_voltage", "motor_direction")
-    smooth: dict[str, Any] = {
-        name: low_pass(signal, motion.rate_hz, band)
-        for name in inputs
-        if (signal := getattr(motion, name)) is not None
-    }
-    return replace(motion, **smooth).samples(slice(None, None, step))
