@@ -395,7 +395,8 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
         "note",
         evidence,
     )
-    rivals = _rivals(experiment, link if is_mostly else "", 1 + is_heavier * total)
+    # a payload that was not named makes no link lighter
+    rivals = _rivals(experiment, link if is_mostly and part > 0 else "", 1 + is_heavier * total)
     yield undecided(finding, dict.fromkeys(rivals, 0.0))
 
 
@@ -417,5 +418,5 @@ def _rivals(experiment: Experiment, mostly: str, times: float) -> Iterator[Cause
         yield CODES["payload"], "a payload has another mass than the one named"
     elif mostly:
         yield CODES["payload"], f"a payload on {mostly} was not named"
-    else:
+    elif times != 1:
         yield CODES["torque-scale"], f"all torques are {times:.3g} times what they should be"

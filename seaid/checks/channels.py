@@ -530,7 +530,9 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         if not tol.FEW < share < tol.MOST:
             continue
         y = experiment.target[:, j] / np.std(experiment.target[:, j])
-        H = np.column_stack([experiment.regressor[:, j], experiment.loads[j]])
+        # a spring that is parallel to the joint pushes everywhere, and a stop only there
+        spring = experiment.joint[0][:, j]
+        H = np.column_stack([experiment.regressor[:, j], experiment.loads[j], spring])
         residual, noise = deleted_residual(H, y, at_limit, tol.CORRELATED_ROWS)
         push = float(np.median(residual[at_limit] * np.sign(place[at_limit]))) / max(noise, tol.FEW)
         if push > tol.SIGNIFICANT:

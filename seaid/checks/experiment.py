@@ -94,7 +94,7 @@ class TorqueScale:
 
 
 _OF_LOADS = ("robot", "joint", "motor", "direction", "sprung")
-_OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "effort", "effort_rate", "sensed", "is_unscaled")
+_OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "effort", "effort_rate", "sensed")
 _SIGNALS = (*_OF_TORQUES, "both", "counted")
 """Fields of an experiment from which its loads, its torques, and all but bodies are derived."""
 
@@ -133,14 +133,13 @@ class Experiment:
 
     `log` (R,): number of the log, from 0; `time` (R, 1) [s] in it; `rate_hz`: sampling rate;
     `motor` and `joint` (3, R, n): position, velocity and acceleration of both sides; `direction`
-    (R, n): the sign of the motor speed; `effort` and its derivative `effort_rate` (R, n): torque of
-    the motor, or its current or voltage if it `is_unscaled` (n,), by a constant that is unknown;
-    `sensed` (R, n): torque of a sensor behind it; NaN without these; `both` (n,): whether both
-    encoders were logged; `ratio`, `inertia` (n,): gear ratios and rotor inertias; `sprung` (n,):
-    whether a spring is parallel to the joint; `bodies` (10n,): standard parameters with payloads;
-    `sources`: of each log {joint: {quantity: column or entry of its description}}; `counted`
-    (R, n): whether misfits are taken at an instant; `has_wrenches`: whether contact forces were
-    measured.
+    (R, n): the sign of the motor speed; `effort` and its derivative `effort_rate` (R, n): torque,
+    current or voltage of the motor; `sensed` (R, n): torque of a sensor behind it; NaN without
+    these; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,): gear ratios and
+    rotor inertias; `sprung` (n,): whether a spring is parallel to the joint; `bodies` (10n,):
+    standard parameters with payloads; `sources`: of each log {joint: {quantity: column or entry of
+    its description}}; `counted` (R, n): whether misfits are taken at an instant; `has_wrenches`:
+    whether contact forces were measured.
     """
 
     robot: Robot
@@ -153,7 +152,6 @@ class Experiment:
     effort: Array
     effort_rate: Array
     sensed: Array
-    is_unscaled: BoolArray
     both: BoolArray
     ratio: Array
     inertia: Array
@@ -274,14 +272,23 @@ class Experiment:
         drives = self.robot.drives.values()
         return np.asarray(self.ratio * [drive.load_radius / drive.motor_radius for drive in drives])
 
+    @derived("robot")
+    def is_unscaled(self) -> BoolArray:
+        """Whether the effort (n,) of a motor is not its torque, by a constant that is unknown."""
+        drives = self.robot.drives.values()
+        unknown = [MOTOR_CONSTANTS.get(x.motor_input, "") not in ("", *x.known) for x in drives]
+        return np.array(unknown)
+
     @derived(*_OF_TORQUES)
     def constants(self) -> Array:
-        """Torque (n,) of a motor per effort: 1, or a constant with which its bodies explain most.
+        """Torque (n,) of a motor per effort: an unknown one is that by which bodies explain most.
 
-        It has the sign of that of a motor. Where the log does not show it the torque is as large as
-        that of the bodies; without these it is 1. A torque sensor is in place of an unknown one.
+        It is positive. Where the log does not show it the torque is as large as that of the bodies;
+        without these it is nominal, or 1. A torque sensor is used in place of an unknown one, NaN.
         """
-        constants = np.where(self.is_unscaled & np.isfinite(self.sensed[0]), np.nan, 1.0)
+        drives = self.robot.drives.values()
+        known = [x.values.get(MOTOR_CONSTANTS.get(x.motor_input, ""), 1.0) for x in drives]
+        constants = np.where(self.is_unscaled & np.isfinite(self.sensed[0]), np.nan, known)
         unknown = self.is_unscaled & np.isfinite(constants) & self.robot.base_is_held
         unscaled = np.flatnonzero(unknown).tolist()
         for j in unscaled if unscaled and np.all(np.isfinite(self.bodies)) else ():
@@ -296,12 +303,13 @@ class Experiment:
         return constants
 
     def with_constants_of(self, robot: Robot) -> Experiment:
-        """Return the experiment with the torques by the motor constants of a robot."""
-        drives = robot.drives.values()
-        given = [x.values.get(MOTOR_CONSTANTS.get(x.motor_input, ""), 1.0) for x in drives]
-        factors = np.where(self.is_unscaled, given, 1.0)
-        of_motors = {name: factors * getattr(self, name) for name in _ARRAYS["t"]}
-        return self.with_changes(is_unscaled=np.zeros_like(self.is_unscaled), **of_motors)
+        """Return the experiment in which the motor constants are known, as those of a robot."""
+        drives = {
+            joint: replace(x, known=(*x.known, MOTOR_CONSTANTS[x.motor_input]))
+            for (joint, x), is_unknown in zip(robot.drives.items(), self.is_unscaled, strict=True)
+            if is_unknown
+        }
+        return self.with_changes(robot=robot.with_drives(drives)) if drives else self
 
     @property
     def torque(self) -> Array:
@@ -975,9 +983,6 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         rate_hz=logs[0][0].rate_hz,
         # A side without an encoder was computed from the other one, and differs by rounding only.
         both=np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor, axis=0),
-        is_unscaled=np.array(
-            [MOTOR_CONSTANTS.get(x.motor_input, "") not in ("", *x.known) for x in drives]
-        ),
         ratio=ratio,
         inertia=np.array([drive.values.get("motor_inertia", 0.0) for drive in drives]),
         sprung=np.array(["linear" in drive.parallel_spring for drive in drives]),
@@ -1031,11 +1036,8 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
     of_motors = np.full(motion.motor_position.shape, np.nan)
     for j, drive in enumerate(robot.drives.values()):
         channel = getattr(motion, INPUT_FIELDS[drive.motor_input])
-        constant = MOTOR_CONSTANTS.get(drive.motor_input, "")
-        if channel is None or drive.is_up_to_scale:
-            continue
-        is_known = constant in drive.known
-        of_motors[:, j] = (drive.values[constant] if is_known else 1.0) * channel[:, j]
+        if channel is not None and not drive.is_up_to_scale:
+            of_motors[:, j] = channel[:, j]
     # At all samples, because the derivative needs the neighbours of a row.
     effort = filtered(of_motors, np.arange(len(of_motors)))
     motor = motion.motor_position, motion.motor_velocity, motion.motor_acceleration

@@ -612,7 +612,8 @@ def _is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Find
     late, channel = accepted[0], accepted[0].trial.candidate.term
     value = float(late.coefficients[0]), float(late.errors[0])
     delay = _late_encoder(side, joint, late) if channel == "joint_position" else value
-    if delay is None:
+    # beyond half a period of the cutoff nothing is linear in a delay: it stands for another cause
+    if delay is None or 2 * abs(delay[0]) * side.motions[0].cutoff_hz > 1:
         return None
     changes = side.changed_by(accepted)
     is_large = (changes["standard errors"] > tol.SIGNIFICANT) & (changes["%"] > 100 * tol.POOR)

@@ -561,8 +561,13 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
         return
     is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
     is_driven &= all(experiment.input(j) == "motor_torque" for j in used)
-    if is_driven and 1 / tol.TWICE < float(np.median(slopes / lever)) < tol.TWICE:
+    of_motors, behind = (float(np.median(x)) for x in (slopes * lever, slopes / lever))
+    if is_driven and 1 / tol.TWICE < behind < tol.TWICE:
         yield _behind_gears(experiment, used, middle)
+    if np.min(lever) >= tol.FAR and 1 / tol.TWICE < of_motors < tol.TWICE:
+        words = 'are those of the motors, which are read as those behind the gears (side = "joint")'
+        levers = dict(zip(used, lever.tolist(), strict=True))
+        yield multiplied(CODES["unit"], experiment, levers, channels, words)
     # `bodies` include the payloads, `robot.parameters` do not: these were weighed.
     heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
     yield Transform(

@@ -331,7 +331,8 @@ def robot_fit(
         computed = rows.H @ fit.estimate.values
         predicted = targets if bare.own is None else targets[bare.own]
         errors, blocks = (_errors(rows, each, sizes) for each in (computed, predicted))
-        misfits = np.column_stack([experiment.of_bodies(bodies), experiment.nominal]).tolist()
+        moving = experiment.in_motion
+        misfits = np.column_stack([moving.of_bodies(bodies), moving.nominal]).tolist()
         of_bodies, motors = dict(zip(names, misfits, strict=True)), dict[int, float]()
         for side in actuators.values():
             if side.rows is not None:
