@@ -504,13 +504,11 @@ def equation_of(fitted: FittedRows) -> Equation:
     equation = Equation(fitted.rows, fitted.weights[remaining])
     if fitted.propagated is None:
         return equation
-    columns = fitted.rows.propagated
-    # The noise is what is left if the earlier values are free; a row has a part of an independent
-    # one's information.
-    free = equation.with_alternatives([Alternative(columns, 0)])
-    noise = np.mean(free.residual**2) * ROWS_PER_PERIOD / 2
     # With T = Q R the errors T u of a covariance C of u have Q (R C R^T) Q^T.
-    Q, R = np.linalg.qr(equation.weighted(columns))
+    Q, R = np.linalg.qr(equation.weighted(fitted.rows.propagated))
+    # The noise is what the fit leaves beside them: free springs would explain any torque, which is
+    # theirs. A row has a part of an independent one's information.
+    noise = np.mean((equation.residual - Q @ (Q.T @ equation.residual)) ** 2) * ROWS_PER_PERIOD / 2
     of_noise = R @ fitted.propagated @ R.T / max(float(noise), 1e-300)
     squares, directions = safely(np.linalg.eigh, of_noise, what="the errors of springs")
     return replace(equation, errors=(Q, ((directions, np.sqrt(np.maximum(squares, 0.0))),)))
