@@ -577,6 +577,12 @@ class Accepted:
     change: Array | float = 0.0
     rivals: tuple[Trial, ...] = ()
 
+    @property
+    def damping(self) -> float:
+        """The damping of a spring, zero if the candidate is another one."""
+        is_damping = self.trial.candidate.name[1:] == ("spring", "damping")
+        return float(self.coefficients[0]) * is_damping
+
 
 Acceptance = Sequence[Accepted]
 """What was accepted of one check at a joint."""

@@ -617,9 +617,19 @@ def _is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Find
         return None
     changes = side.changed_by(accepted)
     is_large = (changes["standard errors"] > tol.SIGNIFICANT) & (changes["%"] > 100 * tol.POOR)
+    is_large |= channel == "joint_position" and _changes_friction(side, joint, value[0])
     surely = abs(delay[0]) - tol.SURE * delay[1]
     is_doubt = bool(np.any(is_large)) or surely > tol.LEAST_DELAY_S
     return late_channels(side, {joint: channel}, delay, share, is_doubt)
+
+
+def _changes_friction(side: Side, joint: str, damping: float) -> bool:
+    """Whether k d of a position that is late by d changes the viscous friction of the motor."""
+    drive, motor = side.robot.drives[joint], side.motor_values(joint)
+    viscous, error = motor.get("viscous_friction", (0.0, math.inf))
+    # The deflection has d theta_L' more, and (7) the torque r_M/N k d r_L theta_L' of friction.
+    change = abs(damping) * (drive.motor_radius / drive.ratio) ** 2
+    return change > max(tol.POOR * abs(viscous), tol.SIGNIFICANT * error)
 
 
 def late_channels(

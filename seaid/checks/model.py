@@ -23,7 +23,7 @@ from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import ColumnCheck
 from seaid.checks.gears import GEAR_CHECKS, common_delay, torque_delays
 from seaid.checks.terms import with_term
-from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG, SURE
+from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG, SURE, TWICE
 from seaid.checks.values import drive_findings, noise_findings, sure_offsets
 from seaid.drives import PARAMETERS_OF, ParameterName, readable
 from seaid.drives.drives import term_fields
@@ -225,7 +225,9 @@ def _found_alone(side: Side, trial: engine.Trial) -> Finding | None:
     """
     candidate, alternative = trial.candidate, trial.alternative
     larger = side.equation.with_alternatives([alternative])
-    alone = engine.Accepted(trial, *larger.last(alternative.columns.shape[1]))
+    change = larger.values[: len(side.equation.values)] - side.equation.values
+    of_columns = larger.last(alternative.columns.shape[1])
+    alone = engine.Accepted(trial, *of_columns, trial.comparison.share, change)
     check: ColumnCheck[Side] = candidate.about
     return check.finding(side, candidate.joint, [alone], trial.comparison.share)
 
@@ -357,17 +359,36 @@ def model_findings(
 
 
 def _without_late_encoders(selected: Sequence[SideSelection]) -> list[Finding]:
-    """Return what equations lack, without what the load has of an encoder that is late.
+    """Return what equations lack, with what an encoder that is late adds to both sides as one.
 
-    That is of a joint whose motor equation shows it, as a delay or as damping of its spring.
+    It looks like damping of the spring to the motor, and like as much friction to the load. Damping
+    alone is next to none to the load: what the load has of it is an echo, as is what it has of a
+    delay that the motor equation shows.
     """
     of_motors, of_load = list[Finding](), list[Finding]()
+    late = {joint: delay for side in selected for joint, delay in _late_at_both(side, selected)}
     for side in selected:
         (of_motors if side.side.is_motor else of_load).extend(side.findings.values())
-    late, delays = {"delay", "nonlinear-spring"}, {"delay", "or delay"}
-    joints = joints_of(x for x in of_motors if x.code in late)
+    of_motors = [x for x in of_motors if x.code != "nonlinear-spring" or x.joint not in late]
+    delays = {"delay", "or delay"}
+    joints = joints_of(x for x in of_motors if x.code in ("delay", "nonlinear-spring")) | {*late}
     kept = (x for x in of_load if x.joint not in joints or not {x.code, *x.evidence} & delays)
-    return [*of_motors, *kept]
+    return [*of_motors, *late.values(), *kept]
+
+
+def _late_at_both(
+    load: SideSelection, selected: Iterable[SideSelection]
+) -> Iterator[tuple[str, Finding]]:
+    """Yield the joints whose late encoder the load shows and its motor as damping, as findings."""
+    motors = {x.side.joints[0]: x.selection.accepted for x in selected if x.side.is_motor}
+    for best in load.selection.accepted if not load.side.is_motor else ():
+        trials = [x for x in (best.trial, *best.rivals) if x.candidate.field == "delay"]
+        dampings = (x for x in motors.get(best.trial.candidate.joint, ()) if x.damping)
+        for trial, motor in product(trials, dampings):
+            # both are k d of a delay d
+            is_alike = 1 / TWICE < float(best.coefficients[0]) / motor.damping < TWICE
+            if is_alike and (finding := _found_alone(load.side, trial)):
+                yield trial.candidate.joint, finding
 
 
 def _with_common_delay(
