@@ -56,13 +56,15 @@ def inspect(
     seaid inspect arm.urdf --exact
     seaid inspect solo12 --base floating --contact FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT
     """
+    from seaid.log.base_log import moving_base
+
     robot = options.robot()
     tree = seaid.robot.reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
     facts = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent}
-    if isinstance(robot, seaid.legged.FloatingRobot):
+    if not robot.base_is_held:
         refuse("it is for a base that is held: choose stances with --stance", "sensors")
-        content, text = _stance_content(robot, robot.floating_base.contact_links, stance)
+        content, text = _stance_content(robot, moving_base(robot).contact_links, stance)
     else:
         refuse("it is for a floating base: add --base floating", "stance")
         content, text = _sensor_content(robot, sensors)

@@ -68,7 +68,7 @@ def fields_table(data: Any) -> str:
 
 def robot_table(robot: Robot) -> str:
     """Return joints, drives and bodies of a robot."""
-    from seaid.legged import FloatingRobot
+    from seaid.log.base_log import moving_base
 
     kinds = [
         (
@@ -86,9 +86,9 @@ def robot_table(robot: Robot) -> str:
             kinds, robot.body_names, robot.parameters[::10], strict=False
         )
     ]
-    if isinstance(robot, FloatingRobot):
-        kind = "free" if robot.floating_base.normal is None else "planar"
-        rows.append(("", kind, "", robot.floating_base.link, robot.parameters[-10]))
+    if not robot.base_is_held:
+        kind = "free" if moving_base(robot).normal is None else "planar"
+        rows.append(("", kind, "", moving_base(robot).link, robot.parameters[-10]))
     return table_text(table_of("robot", rows), repr(robot))
 
 
