@@ -118,15 +118,13 @@ def _stance_content(
     together = seaid.identifiability(robot, stances=asked)
     if len(asked) > 1:
         cases["together"] = together
-    header = ["stance", "base", "individually", "in combination", "unidentifiable", "second draw"]
     rows = []
     for name, case in cases.items():
         parts = (case.base.columns, case.identifiable, case.combinations, case.unidentifiable)
-        rows.append([name, *map(str, map(len, parts)), _AGREES[case.agree]])
+        rows.append((name, *map(len, parts), _AGREES[case.agree]))
     content = {"stances": {name: _identifiable(case) for name, case in cases.items()}}
     content["base_parameters"] = list(together.base.expressions)  # type: ignore[assignment]
-    title = "\nIdentifiable from joint torques and the motion of the base, by stance"
-    return content, [*_base_lines(together.base), seaid.report.table(title, header, rows)]
+    return content, [*_base_lines(together.base), seaid.report.named_table("stances", rows)]
 
 
 def _stances(asked: Sequence[Sequence[str]]) -> dict[str, Sequence[str]]:
@@ -208,19 +206,16 @@ def _identifiable(case: seaid.regressor.Identifiability) -> dict[str, Any]:
 
 def _identifiability_table(cases: dict[str, seaid.regressor.Identifiability]) -> str:
     """Return the numbers of parameters by identifiability for each set of sensors."""
-    header = ["sensors of every joint", "base", "individually", "in combination", "up to scale"]
-    header.append("unidentifiable")
-    rows = []
+    rows = list[tuple[object, ...]]()
     for name, case in cases.items():
         ratios = " + ".join(str(len(group)) for group in case.ratios) or "-"
         counts = (case.body_count, len(case.identifiable), len(case.combinations), ratios)
-        rows.append([name, *map(str, counts), str(len(case.unidentifiable))])
+        rows.append((name, *counts, len(case.unidentifiable)))
         if (base := case.derivatives) is not None:
             bodies = sum(not seaid.drives.ParameterName.of(x).owner for x in base.names)
             pairs = zip(base.expressions, base.names, strict=True)
             alone = sum(expression == name for expression, name in pairs)
             lost = int((~base.grouping.any(axis=0)).sum())
             counts = (bodies, alone, len(base.columns) - alone, "-")
-            rows.append(["  with their derivatives", *map(str, counts), str(lost)])
-    title = "\nIdentifiability by sensors (--sensors lists the names)"
-    return seaid.report.table(title, header, rows)
+            rows.append(("  with their derivatives", *counts, lost))
+    return seaid.report.named_table("identifiability", rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from io import StringIO
 from itertools import compress
@@ -59,6 +59,11 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> s
 def table_text(made: Table, title: str = "") -> str:
     """Return a table of a result as text, with another title than its own if it is given."""
     return table(title or made.title, *made.texts)
+
+
+def named_table(name: str, rows: Iterable[Sequence[Any]]) -> str:
+    """Return a table of `tables.toml` with a value per column in each row as text."""
+    return table_text(table_of(name, rows))
 
 
 def fields_table(data: Any) -> str:
