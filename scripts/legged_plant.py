@@ -18,6 +18,7 @@ import seaid
 from seaid._arrays import Array
 from seaid.legged.floating import contact_map
 from seaid.log import BaseLog
+from seaid.log.base_log import moving_base
 from seaid.robot import Contact, Robot
 from seaid.robot.pinocchio_model import floating_model
 
@@ -99,8 +100,7 @@ def changed_bodies(urdf: Path, folder: Path, seed: int, size: float = 0.2) -> Pa
 
 def foot_positions(robot: Robot, q: Array) -> Array:
     """Places (T, feet, 3) of the contacts in the frame of the base."""
-    base = robot.floating_base
-    assert base is not None
+    base = moving_base(robot)
     model = floating_model(robot.model, robot.parameters[-10:])
     frames = []
     for foot in base.contact_links:
@@ -118,7 +118,7 @@ def foot_positions(robot: Robot, q: Array) -> Array:
 def _with_feet_at(robot: Robot, wanted: Array) -> Array:
     """Joint angles (T, n) with the feet at places (T, feet, 3), by Newton's method."""
     q = np.tile(HOME, (len(wanted), 1))
-    contacts = robot.floating_base.contacts  # type: ignore[union-attr]
+    contacts = moving_base(robot).contacts
     for _ in range(8):
         left = (wanted - foot_positions(robot, q)).reshape(len(q), -1)
         J = contact_map(robot, q, contacts).swapaxes(1, 2)[:, :, 6:]
@@ -185,8 +185,7 @@ def plant(robot: Robot, timestep_s: float = 0.0005, soft: bool = False) -> Any:
     options = {"fusestatic": "false", "discardvisual": "true"}
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", options)
     spec = mujoco.MjSpec.from_string(ET.tostring(root).decode())
-    base = robot.floating_base
-    assert base is not None
+    base = moving_base(robot)
     spec.body(base.link).add_freejoint()
     for foot in base.contacts:
         ball = spec.body(foot.link).add_geom(name=foot.link, type=mujoco.mjtGeom.mjGEOM_SPHERE)
@@ -214,14 +213,13 @@ def simulate(
     They follow `targets`, by default those of a `plan`. With `has_forces` the log has the forces at
     the feet, in the frames of their links, in place of the flags.
     """
-    assert robot.floating_base is not None
-    data, base = mujoco.MjData(model), model.body(robot.floating_base.link).id
+    data, base = mujoco.MjData(model), model.body(moving_base(robot).link).id
     targets = targets or plan(robot, legs, duration_s, seed)
     wanted = CubicSpline(targets.time, targets.angles)
     rates, added = wanted.derivative(), CubicSpline(targets.time, targets.torques)
     joints = [model.joint(name) for name in robot.joint_names]
     places, dofs = [one.qposadr[0] for one in joints], [one.dofadr[0] for one in joints]
-    feet = {model.geom(foot).id: k for k, foot in enumerate(robot.floating_base.contact_links)}
+    feet = {model.geom(foot).id: k for k, foot in enumerate(moving_base(robot).contact_links)}
     data.qpos[3:7], data.qpos[places] = [1, 0, 0, 0], HOME
     data.qpos[2] = legs.radius_m - np.mean(foot_positions(robot, HOME[None])[0, :, 2])
     step_s = model.opt.timestep
@@ -250,7 +248,7 @@ def simulate(
     q, torque, w, force, orientation, touching, forces = np.split(
         table[:, 1:], np.cumsum([n, n, 3, 3, 4, len(feet)]), axis=1
     )
-    links = robot.floating_base.contact_links
+    links = moving_base(robot).contact_links
     of_feet = dict(zip(links, forces.reshape(len(table), -1, 3).swapaxes(0, 1), strict=True))
     return seaid.Log(
         time=table[:, 0],

@@ -98,6 +98,17 @@ def test_what_a_face_has_is_imported_from_it_and_all_else_from_its_module() -> N
     assert {one for one in inside if one[1] not in ROOTS} == set()
 
 
+def test_only_legged_knows_where_a_robot_has_its_floating_base() -> None:
+    """All other packages ask `base_is_held`, and what is registered for the type."""
+    asking = {
+        package_of(name)
+        for name, source in SOURCES.items()
+        for node in ast.walk(tree_of(source))
+        if isinstance(node, ast.Attribute) and node.attr == "floating_base"
+    }
+    assert asking == {"legged"}
+
+
 def test_faces_are_tables_of_contents() -> None:
     """At most 25 names in that of a package, and 70 in that of seaid, its packages among them."""
     sizes = {

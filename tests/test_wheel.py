@@ -109,8 +109,8 @@ def test_every_extra_exists_and_is_part_of_a_pinned_environment() -> None:
             for extras in re.findall(r"seaid\[([\w,\s-]+)\]", text):
                 named |= {extra.strip() for extra in extras.split(",")}
     assert {"parquet", "hdf5", "ros", "hebi"} <= named <= set(PROJECT["optional-dependencies"])
-    # one is built from its sources, the others are large: make test-hebi, make test-simulators
-    large = {"hebi-py", "drake", "newton", "newton-usd-schemas"}
+    # some are built from their sources, the others are large: make test-hebi, make test-simulators
+    large = {"hebi-py", "drake", "newton", "newton-usd-schemas", "figaroh", "pin-pink", "cmaes"}
     for extra in PROJECT["optional-dependencies"]:
         assert asked_by(f"seaid[{extra}]") <= asked_by("seaid[dev]") | large, extra
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()

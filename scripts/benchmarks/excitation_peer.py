@@ -1,11 +1,11 @@
 """Comparison of planning with figaroh 1.0.2: condition number reached over time.
 
 The robot is the UR10, with motions of 10 s and the limits of the URDF. figaroh
-(`pip install figaroh==1.0.2`, not a dependency) uses its own motion (a quintic from rest to rest
-between waypoints), objective, constraints at 100 Hz and forward differences. Its solver IPOPT needs
-a separate installation, so scipy's SLSQP runs in its place. The measure is the same for both: the
-condition number of seaid's base columns over 2000 instants. Time is process time of one thread,
-which is wall time on an idle core.
+(`pip install 'seaid[peers]'`) uses its own motion (a quintic from rest to rest between waypoints),
+objective, constraints at 100 Hz and forward differences. Its solver IPOPT needs a separate
+installation, so scipy's SLSQP runs in its place. The measure is the same for both: the condition
+number of seaid's base columns over 2000 instants. Time is process time of one thread, which is wall
+time on an idle core.
 """
 
 from __future__ import annotations
@@ -294,7 +294,7 @@ def main() -> None:
     parser.add_argument("--plot", type=Path, default=PLOT, help="figure to write")
     arguments = parser.parse_args()
     if not importlib.util.find_spec("figaroh"):
-        print("skipped: no figaroh here; pip install figaroh==1.0.2")
+        print("skipped: no figaroh here; pip install 'seaid[peers]'")
         return
     begin = time.perf_counter()
     warnings.simplefilter("ignore")

@@ -122,7 +122,7 @@ def search(
     robot: seaid.Robot, fitted: seaid.Log, judged: seaid.Log, seconds: float, goal_mrad: float
 ) -> None:
     """Print the error of CMA-ES over rollouts after growing CPU times, until it is at a goal."""
-    CMA: Any = import_module("cmaes").CMA  # pip install cmaes
+    CMA: Any = import_module("cmaes").CMA  # pip install 'seaid[peers]'
 
     n = robot.n
     with tempfile.TemporaryDirectory() as folder:

@@ -7,9 +7,9 @@
 one is reached, its ceiling is what stood when it was last written: `tests/test_architecture.py`
 lets it only fall, and `--write` refuses to raise it.
 
-The peers are pink and mujoco.sysid, where they can be imported. Complexity is McCabe's as radon
-counts it: conditions and comprehensions included. All figures of 25 November are counts of this
-script on the last commit of that day.
+The peers are pink and mujoco.sysid, where they are installed (seaid[peers]). Complexity is
+McCabe's as radon counts it: conditions and comprehensions included. All figures of 25 November are
+counts of this script on the last commit of that day.
 """
 
 from __future__ import annotations

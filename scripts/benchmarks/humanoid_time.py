@@ -16,6 +16,7 @@ from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.legged.floating import contact_map, floating_regressor
 from seaid.log import BaseLog
+from seaid.log.base_log import moving_base
 from seaid.robot import Contact
 
 FEET = ("left_ankle_roll_link", "right_ankle_roll_link")
@@ -49,8 +50,7 @@ def stepping(robot: seaid.Robot, duration_s: float, seed: int = 0) -> seaid.Log:
     q, v, a = waves(robot.n, 0.4)
     w, e, _ = waves(3, 0.5)
     f = waves(3, 1.5)[0] + np.array([0, 0, 9.81])
-    base = robot.floating_base
-    assert base is not None
+    base = moving_base(robot)
     phase = (t // 2).astype(int) % 3  # both feet, the left one, the right one
     touching = np.array([phase != 2, phase != 1]).T
     torque = np.empty_like(q)

@@ -32,6 +32,7 @@ from scripts.short_form import few, sized, words
 from seaid._arrays import Array
 from seaid.legged import whole_body
 from seaid.legged.base import turned_to_world
+from seaid.log.base_log import moving_base
 
 NOISE = {"joint_position": 2e-4, "motor_torque": 0.1 / 45}
 """Standard deviation of the encoders [rad], and of the torques over their limit."""
@@ -85,7 +86,7 @@ def intervals(legs: Quadruped, motions: int, draws: int, duration_s: float) -> N
             z.append(error / found.load.standard_errors)
             lower, upper = found.load.interval().T
             holds.append((lower < truth) & (truth < upper))
-            row = found.base.names.index(f"m_{nominal.floating_base.link}")  # type: ignore[union-attr]
+            row = found.base.names.index(f"m_{moving_base(nominal).link}")
             masses.append(error[row] / truth[row])
         fit = seaid.validate(found, other).load
         unseen.append(fit.whole_relative_error)

@@ -2,7 +2,7 @@
 
 Time, peak memory, and the largest difference of the predicted torque, from joint positions,
 velocities, accelerations and torques to the estimate. Each runs in a separate process; set
-OPENBLAS_NUM_THREADS=1. figaroh is not a dependency: install it elsewhere and put it on PYTHONPATH.
+OPENBLAS_NUM_THREADS=1. figaroh comes with `pip install 'seaid[peers]'`.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def peers() -> Answer:
 def main() -> None:
     """Print both results."""
     if importlib.util.find_spec("figaroh") is None:
-        print("figaroh cannot be imported here: put it on PYTHONPATH to compare; seaid only")
+        print("no figaroh here, seaid only; pip install 'seaid[peers]'")
         ways = ["seaid"]
     else:
         ways = ["seaid", "figaroh"]

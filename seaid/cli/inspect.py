@@ -56,13 +56,15 @@ def inspect(
     seaid inspect arm.urdf --exact
     seaid inspect solo12 --base floating --contact FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT
     """
+    from seaid.log.base_log import moving_base
+
     robot = options.robot()
     tree = seaid.robot.reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
     facts = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent}
-    if isinstance(robot, seaid.legged.FloatingRobot):
+    if not robot.base_is_held:
         refuse("it is for a base that is held: choose stances with --stance", "sensors")
-        content, text = _stance_content(robot, robot.floating_base.contact_links, stance)
+        content, text = _stance_content(robot, moving_base(robot).contact_links, stance)
     else:
         refuse("it is for a floating base: add --base floating", "stance")
         content, text = _sensor_content(robot, sensors)
@@ -116,15 +118,13 @@ def _stance_content(
     together = seaid.identifiability(robot, stances=asked)
     if len(asked) > 1:
         cases["together"] = together
-    header = ["stance", "base", "individually", "in combination", "unidentifiable", "second draw"]
     rows = []
     for name, case in cases.items():
         parts = (case.base.columns, case.identifiable, case.combinations, case.unidentifiable)
-        rows.append([name, *map(str, map(len, parts)), _AGREES[case.agree]])
+        rows.append((name, *map(len, parts), _AGREES[case.agree]))
     content = {"stances": {name: _identifiable(case) for name, case in cases.items()}}
     content["base_parameters"] = list(together.base.expressions)  # type: ignore[assignment]
-    title = "\nIdentifiable from joint torques and the motion of the base, by stance"
-    return content, [*_base_lines(together.base), seaid.report.table(title, header, rows)]
+    return content, [*_base_lines(together.base), seaid.report.named_table("stances", rows)]
 
 
 def _stances(asked: Sequence[Sequence[str]]) -> dict[str, Sequence[str]]:
@@ -206,19 +206,16 @@ def _identifiable(case: seaid.regressor.Identifiability) -> dict[str, Any]:
 
 def _identifiability_table(cases: dict[str, seaid.regressor.Identifiability]) -> str:
     """Return the numbers of parameters by identifiability for each set of sensors."""
-    header = ["sensors of every joint", "base", "individually", "in combination", "up to scale"]
-    header.append("unidentifiable")
-    rows = []
+    rows = list[tuple[object, ...]]()
     for name, case in cases.items():
         ratios = " + ".join(str(len(group)) for group in case.ratios) or "-"
         counts = (case.body_count, len(case.identifiable), len(case.combinations), ratios)
-        rows.append([name, *map(str, counts), str(len(case.unidentifiable))])
+        rows.append((name, *counts, len(case.unidentifiable)))
         if (base := case.derivatives) is not None:
             bodies = sum(not seaid.drives.ParameterName.of(x).owner for x in base.names)
             pairs = zip(base.expressions, base.names, strict=True)
             alone = sum(expression == name for expression, name in pairs)
             lost = int((~base.grouping.any(axis=0)).sum())
             counts = (bodies, alone, len(base.columns) - alone, "-")
-            rows.append(["  with their derivatives", *map(str, counts), str(lost)])
-    title = "\nIdentifiability by sensors (--sensors lists the names)"
-    return seaid.report.table(title, header, rows)
+            rows.append(("  with their derivatives", *counts, lost))
+    return seaid.report.named_table("identifiability", rows)

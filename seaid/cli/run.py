@@ -74,8 +74,7 @@ def _run_all(folder: Path, executor: str | None, fail: FailOptions, result: Json
     for text in chain(*([f"{x.project}: {text}" for text in x.notes] for x in outcomes)):
         note(text)
     rows = [(str(x.project), x.verdict, str(x.place or abridged(x.error))) for x in outcomes]
-    header = ["project", "verdict", "report, or what is wrong"]
-    result.show(seaid.report.table("Projects", header, rows), {"projects": outcomes})
+    result.show(seaid.report.named_table("projects", rows), {"projects": outcomes})
     if any(outcome.error for outcome in outcomes):
         click.get_current_context().exit(1)
     for outcome in outcomes:

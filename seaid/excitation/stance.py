@@ -34,7 +34,7 @@ class Stance(Display):
     Parameters
     ----------
     contacts : sequence of str
-        Links of `Robot.floating_base.contacts` that stand, all at once.
+        Links of `contacts=` of `load_robot` that stand, all at once.
     posture : {joint: position}, sequence of n floats, optional
         Joint positions [rad or m] at the start and at the end, with the base level. Default, and
         for joints not named: the middle of the position limits.

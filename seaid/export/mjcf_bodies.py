@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, safely, spaced
 from seaid.errors import RobotError
-from seaid.legged import FloatingRobot
+from seaid.log.base_log import moving_base
 from seaid.robot import Robot, is_physical
 from seaid.robot.inertia import THIN, inconsistent_link, out_of_range, pseudo_inertia
 
@@ -28,7 +28,7 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
     # Place 0 of `bodies` is what Pinocchio calls joint 0, the fixed frame of its model: the world,
     # or the floating base, which seaid's model of the joints takes as fixed.
     bodies, joints = [world], {}
-    if isinstance(robot, FloatingRobot):
+    if not robot.base_is_held:
         bodies = [_add_base(robot, world, loaded[-1], notes, force)]
     for position, index in enumerate(robot.model_order, 1):
         placement = robot.model.jointPlacements[position]
@@ -43,14 +43,12 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
         bodies.append(body)
         _add_inertial(body, link, loaded[index], notes, force)
         joints[joint] = _add_joint(body, robot, position, index)
-    if isinstance(robot, FloatingRobot):
+    if not robot.base_is_held:
         _add_contacts(robot, world, bodies)
     return joints
 
 
-def _add_base(
-    robot: FloatingRobot, world: Any, loaded: Array, notes: list[str], force: bool
-) -> Any:
+def _add_base(robot: Robot, world: Any, loaded: Array, notes: list[str], force: bool) -> Any:
     """Add the floor and the floating base with its free joint, or planar ones; return the base."""
     from lxml import etree
 
@@ -60,7 +58,7 @@ def _add_base(
     etree.SubElement(world, "geom", name="floor", **floor)
     link = robot.body_names[-1]
     body = etree.SubElement(world, "body", name=_body_name(robot, link, notes))
-    base = robot.floating_base
+    base = moving_base(robot)
     if base.normal is None:
         etree.SubElement(body, "freejoint", name=f"{link}_free")
     else:
@@ -81,11 +79,11 @@ _SMALL_M = 0.005
 """Radius [m] of the ball of a contact that is a point, with the point in its middle."""
 
 
-def _add_contacts(robot: FloatingRobot, world: Any, bodies: list[Any]) -> None:
+def _add_contacts(robot: Robot, world: Any, bodies: list[Any]) -> None:
     """Add the balls of the contacts, and raise the base until all are above the floor."""
     from lxml import etree
 
-    base = robot.floating_base
+    base = moving_base(robot)
     data, lowest = robot.model.createData(), 0.0
     upright = np.eye(3) if base.upright is None else base.upright
     pin.forwardKinematics(robot.model, data, robot.to_model(np.zeros(robot.n)))

@@ -35,11 +35,12 @@ from seaid.errors import Finding, listed
 from seaid.estimation import Estimate, FittedRows
 from seaid.estimation.fitting import with_further_columns
 from seaid.identification.datasets import Dataset, rows_in_memory
-from seaid.legged.floating import FloatingRobot
+from seaid.legged.floating import FloatingRobot, base_of
 from seaid.legged.load_side import accelerometer_rows, wrench_rows
 from seaid.log import BaseLog, Log, Motion, low_pass
 from seaid.log.base_log import BaseMotion, base_jumps, matrices, needed_columns, quaternion_rates
 from seaid.log.channels import CHANNELS
+from seaid.log.motion import MotionWithBase
 from seaid.regressor.load import LoadModel
 from seaid.regressor.regression import Regress
 from seaid.robot import FloatingBase, Robot
@@ -259,7 +260,7 @@ def base_findings(robot: FloatingRobot, logs: Sequence[Log]) -> list[Finding]:
 
 def guide_findings(motions: Iterable[Motion]) -> list[Finding]:
     """Return the note on equations of planar bases that do not use a freedom of their plane."""
-    guided = dict.fromkeys(chain(*(x.base.guided for x in motions if x.base is not None)))
+    guided = dict.fromkeys(chain(*(base_of(x).guided for x in motions)))
     if not guided:
         return []
     note = LOCKED_OUTPUT.note(
@@ -421,9 +422,8 @@ class SensorBias:
 
     def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
         """Return the motions of a floating base without the errors."""
-        motions = []
-        for motion in (log for log in datasets if isinstance(log, Motion)):
-            assert motion.base is not None
+        motions: list[Motion] = []
+        for motion in (log for log in datasets if isinstance(log, MotionWithBase)):
             force = motion.base.specific_force - self.of("")
             wrenches = {x: y - self.of(x, y.shape[1]) for x, y in motion.base.wrenches.items()}
             base = replace(
@@ -525,7 +525,7 @@ def sensor_bias(
 
     `robot` has the estimated bodies. See the module.
     """
-    bases = [log.base for log in datasets if isinstance(log, Motion) and log.base is not None]
+    bases = [log.base for log in datasets if isinstance(log, MotionWithBase)]
     if fit.rows is None or len(bases) < len(datasets):
         return None
     limits = _limits(bases)

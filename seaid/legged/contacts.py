@@ -48,6 +48,7 @@ from seaid.legged.base import bodies_of_fit, whole_body
 from seaid.legged.feet import CONTACT_FLAGS, FREE, LOADED, foot_places
 from seaid.legged.floating import (
     FloatingRobot,
+    base_of,
     contact_equations,
     contact_rotations,
     floating,
@@ -64,7 +65,7 @@ from seaid.legged.load_side import (
 from seaid.log import Motion, in_band
 from seaid.log.base_log import BaseMotion
 from seaid.log.filtering import decimation
-from seaid.log.motion import decimated
+from seaid.log.motion import MotionWithBase, decimated
 from seaid.log.rows import inside_transients
 from seaid.regressor import Regression
 from seaid.regressor.load import LoadModel
@@ -236,7 +237,7 @@ class LeggedFit:
     """
 
     robot: FloatingRobot
-    motions: Sequence[Motion]
+    motions: Sequence[MotionWithBase]
     fit: FittedRows
     model: LoadModel
     springs: Mapping[str, Array]
@@ -249,7 +250,7 @@ class LeggedFit:
     @property
     def bases(self) -> list[BaseMotion]:
         """The motions of the base."""
-        return [motion.base for motion in self.motions if motion.base is not None]
+        return [motion.base for motion in self.motions]
 
     @property
     def weight_N(self) -> float:
@@ -295,7 +296,7 @@ def legged_fit(
     errors: SensorErrors | None,
 ) -> LeggedFit | None:
     """Return a fit for the checks of the feet, None without its rows."""
-    motions = [log for log in datasets if isinstance(log, Motion) and log.base is not None]
+    motions = [log for log in datasets if isinstance(log, MotionWithBase)]
     if fit.rows is None or len(motions) < len(datasets):
         return None
     bodies = bodies_of_fit(result)[0]
@@ -314,11 +315,11 @@ def legged_fit(
 
 
 def _loaded_feet(
-    identification: Identification, motions: Sequence[Motion], bodies: Array
+    identification: Identification, motions: Sequence[MotionWithBase], bodies: Array
 ) -> list[LoadedFeet]:
     """Return the forces on feet that stand, if the flags of each log and nothing else has them."""
     bases = [motion.base for motion in motions]
-    if any(base is None or base.wrenches or not base.contacts for base in bases):
+    if any(base.wrenches or not base.contacts for base in bases):
         return []
     loads = []
     identification, _ = for_sensors(identification, motions[0])
@@ -333,9 +334,9 @@ def _loaded_feet(
 
 def contacts_of(robot: FloatingRobot, motion: Motion) -> tuple[Contact, ...]:
     """Return the contacts with a flag or a measured wrench in a motion."""
-    base = motion.base
-    if base is None:
+    if not isinstance(motion, MotionWithBase):
         return ()
+    base = motion.base
     flagged = [contact for contact in robot.floating_base.contacts if contact.link in base.contacts]
     measured = [measured_contact(robot, x, y.shape[1]) for x, y in base.wrenches.items()]
     if base.up is None:
@@ -347,8 +348,7 @@ def force_instants(
     identification: Identification, motion: Motion, contacts: Sequence[Contact], bodies: Array
 ) -> _Instants:
     """Return the forces at the instants of one motion."""
-    model, base = identification.model, motion.base
-    assert base is not None
+    model, base = identification.model, base_of(motion)
     robot = guided(identification.known, base.guided)
     theta = identification.load_side.values
     rows, unknown = contact_force_rows(robot, motion, model, identification.springs, theta, bodies)
@@ -398,8 +398,7 @@ def _equations_at(
     steps: IndexArray | slice = slice(None),
 ) -> tuple[dict[str, BoolArray], Array, Array]:
     """Return which contacts touch at some steps, by link, and their `contact_equations` there."""
-    base, always = motion.base, np.ones(len(motion.time), dtype=bool)
-    assert base is not None
+    base, always = base_of(motion), np.ones(len(motion.time), dtype=bool)
     joints = [robot.index(joint) for joint in model.torque_joints]
     touching = {x.link: base.contacts.get(x.link, always)[steps] for x in contacts}
     up, q = None if base.up is None else base.up[steps], motion.joint_position[steps]
@@ -459,8 +458,7 @@ def _basis(
     if not len(steps):
         return ("none",) * len(contacts), variance
     steps = steps[np.linspace(0, len(steps) - 1, min(len(steps), _INSTANTS)).astype(int)]
-    assert motion.base is not None
-    robot = guided(robot, motion.base.guided)
+    robot = guided(robot, base_of(motion).guided)
     *_, inverse = _equations_at(robot, motion, model, contacts, None, steps)
     columns, grouping = contact_force_columns(robot, motion, model, steps)
     F = inverse @ (row_scale(robot, columns.shape[1]) * columns)
@@ -665,8 +663,7 @@ def _heights(robot: FloatingRobot, feet: LoadedFeet) -> tuple[Regression, Array]
     on sloping ground violates that. Without an orientation the height of a foot over the plane of
     the others counts.
     """
-    motion, base = feet.motion, feet.motion.base
-    assert base is not None
+    motion, base = feet.motion, base_of(feet.motion)
     up = _upwards(motion, base)
     # Two feet have a difference in height. A plane goes through any three: it needs a fourth.
     fewest = 4 if base.up is None else 2

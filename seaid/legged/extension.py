@@ -50,10 +50,10 @@ from seaid.legged.contacts import (
     smoothed_where,
 )
 from seaid.legged.feet import feet_findings
-from seaid.legged.floating import FloatingRobot, floating, row_scale
+from seaid.legged.floating import FloatingRobot, base_of, floating, row_scale
 from seaid.legged.load_side import FloatingBodies, FloatingLoadSide, late_base, thinned
 from seaid.log import Log, Motion
-from seaid.log.base_log import needed_columns
+from seaid.log.base_log import moving_base, needed_columns
 from seaid.log.channels import ANGLE, CHANNELS
 from seaid.log.description import as_toml, changed_source
 from seaid.regressor import Identifiability, base_parameters
@@ -184,8 +184,7 @@ def mass_findings(
 
 def _turned_forces(motions: Sequence[Motion]) -> str:
     """Return the lines that change the signs of measured forces, "" without any."""
-    bases = (motion.base for motion in motions if motion.base is not None)
-    sensors = sorted({link for base in bases for link in base.wrenches})
+    sensors = sorted({link for motion in motions for link in base_of(motion).wrenches})
     lines = [f"{toml_table('contacts', link)}\nforce = {{ ..., scale = -1 }}" for link in sensors]
     header = "; in the description of the log, and so for each moment:"
     return "\n".join([header, *lines]) if sensors else ""
@@ -229,9 +228,7 @@ def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
     """Return the fit of the rows (T, 6, 2) of the base at instants without unknown forces."""
     parts = []
     for motion, forces in zip(motions, rows, strict=True):
-        base = motion.base
-        if base is None:
-            return None
+        base = base_of(motion)
         # A contact with a flag has no measured wrench: its force is unknown while it touches.
         known = base.used & ~np.any([*base.contacts.values(), ~base.used], axis=0)
         still = np.zeros((len(known), 6), dtype=bool)
@@ -326,7 +323,7 @@ def _are_late(
     if accepted[0].trial.candidate.term == "torques":
         torques = {x: torque_channel(side, x) for x in side.joints}
         return late_channels(side, torques, (delay, error), share, is_doubt)
-    sources = base_sources(floating(side.robot).floating_base, side.records[0])
+    sources = base_sources(moving_base(side.robot), side.records[0])
     earlier = partial(changed_source, delay_s=round(delay, 5))
     lines = [f"{name} = {as_toml(earlier(source))}" for name, source in sources.items()]
     return CODES["delay"].finding(
@@ -358,6 +355,11 @@ LATE_CHECKS = (
     engine.ColumnCheck(CODES["delay"], (), _late_torques, _are_late),
 )
 """What is late in all rows of a fit, as the base or all torques."""
+
+
+@moving_base.register(FloatingRobot)
+def _(robot: FloatingRobot) -> FloatingBase:
+    return robot.floating_base
 
 
 @extension_of.register(FloatingRobot)

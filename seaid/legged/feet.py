@@ -25,7 +25,7 @@ from seaid.checks.check import Check, observed
 from seaid.checks.codes import in_description, only_joint
 from seaid.checks.tolerances import FEW, MOST, RARE
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed
-from seaid.legged.floating import FloatingRobot, contact_map, floating_regressor, guided
+from seaid.legged.floating import FloatingRobot, base_of, contact_map, floating_regressor, guided
 from seaid.log import (
     FOUND_CONTACT,
     Description,
@@ -76,8 +76,7 @@ class FeetInMotion:
     @property
     def base(self) -> BaseMotion:
         """The motion of the base."""
-        assert self.motion.base is not None
-        return self.motion.base
+        return base_of(self.motion)
 
     @cached_property
     def contacts(self) -> list[Contact]:
@@ -271,7 +270,7 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
     """Yield feet that are in the air too briefly for any of these samples to be used."""
     for link in base.contact_links:
         # The motions that have flags of the contact, and those of their bases.
-        flagged = [(x, x.base) for x in motions if x.base is not None and link in x.base.contacts]
+        flagged = [(x, base_of(x)) for x in motions if link in base_of(x).contacts]
         lifts = [~base_motion.contacts[link] for _, base_motion in flagged]
         count = sum(map(len, map(runs, lifts)))
         used = [base_motion.used for _, base_motion in flagged]
@@ -587,9 +586,7 @@ def _as_repair(link: str, time: Array, unclear: BoolArray) -> Repair:
 def _loads(robot: FloatingRobot, log: Log) -> Array:
     """Return the part of the weight (T, k) that each contact carries at the times of the log."""
     motion = reconstruct_motion(robot, log)
-    base = motion.base
-    assert base is not None
-    bodies = robot.parameters + robot.payload_parameters
+    base, bodies = base_of(motion), robot.parameters + robot.payload_parameters
     rows = floating_regressor(robot, *motion.joint_states, base.states) @ bodies
     ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
     torque = torques_at_joints(robot.transmission, motion.motor_torque * ratio)

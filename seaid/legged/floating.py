@@ -18,6 +18,9 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import LogError, RobotError
+from seaid.log import Motion
+from seaid.log.base_log import BaseMotion, moving_base
+from seaid.log.motion import MotionWithBase
 from seaid.robot import BASE_ROWS, HANGING, Contact, FloatingBase, Robot
 from seaid.robot.pinocchio_model import floating_model
 from seaid.robot.transmission import rows_at_drives
@@ -72,6 +75,12 @@ def floating(robot: Robot) -> FloatingRobot:
     """Return a robot whose base is known to move, as one of its type."""
     assert isinstance(robot, FloatingRobot)
     return robot
+
+
+def base_of(motion: Motion) -> BaseMotion:
+    """Return the motion of the base of a robot whose base is known to move."""
+    assert isinstance(motion, MotionWithBase)
+    return motion.base
 
 
 @lru_cache(maxsize=8)
@@ -173,12 +182,11 @@ def without_contact_forces(
     The rows of the forces on the base count times the typical lever of the contacts, so that all
     rows have the unit of a torque.
     """
-    assert robot.floating_base is not None
     rows = rows.copy()
     rows[:, :6][:, ~floating(robot).free_axes] = 0.0
     if unknown is not None:
         rows[:, 6:] *= ~unknown[:, :, None]
-    contacts = [contact for contact in robot.floating_base.contacts if contact.link in touching]
+    contacts = [contact for contact in moving_base(robot).contacts if contact.link in touching]
     scale = row_scale(robot, rows.shape[1])
     for now, columns, A in _stance_maps(robot, q, contacts, touching, joints, unknown, up):
         if columns.size:
@@ -312,8 +320,7 @@ def measured_wrenches(
 
 def measured_contact(robot: Robot, link: str, width: int) -> Contact:
     """Return the contact of a wrench with so many columns; with moments it acts at its place."""
-    assert robot.floating_base is not None
-    contact = robot.floating_base.contact_of(link)
+    contact = moving_base(robot).contact_of(link)
     return replace(contact, is_flat=width == 6, radius_m=0.0 if width == 6 else contact.radius_m)
 
 
@@ -365,9 +372,8 @@ def stance_rows(
 
 def _with_points(robot: Robot) -> Robot:
     """Return the robot with points in place of the balls that touch the ground."""
-    assert robot.floating_base is not None
-    points = tuple(replace(contact, radius_m=0.0) for contact in robot.floating_base.contacts)
-    return replace(robot, floating_base=replace(robot.floating_base, contacts=points))
+    points = tuple(replace(contact, radius_m=0.0) for contact in moving_base(robot).contacts)
+    return replace(floating(robot), floating_base=replace(moving_base(robot), contacts=points))
 
 
 def stance_states(
@@ -378,7 +384,7 @@ def stance_states(
     Velocities v with J_c v = 0, accelerations with J_c v' + J_c' v = 0, and gravity in any
     direction: a base that is turned feels it from there. A planar base turns about its normal.
     """
-    base, free = floating(robot).floating_base, floating(robot).free_axes
+    base, free = moving_base(robot), floating(robot).free_axes
     contacts = [contact for contact in base.contacts if contact.link in links]
     rng = np.random.default_rng(seed)
     shape = (count, 6 + robot.n)
@@ -573,7 +579,6 @@ def floating_rows(robot: Robot, Y: Array, joints: Sequence[int]) -> Array:
 
     Those in which a guide has unknown forces are zero.
     """
-    assert robot.floating_base is not None
     of_joints = rows_at_drives(robot.transmission, Y[:, 6:])[:, joints]
     rows = np.concatenate([Y[:, :6], of_joints], axis=1)
     rows[:, :6][:, ~floating(robot).free_axes] = 0.0
@@ -589,11 +594,10 @@ def _typical_lever(robot: Robot) -> float:
 
     1 m without contacts, of a robot in the air.
     """
-    assert robot.floating_base is not None
-    if not robot.floating_base.contacts:
+    if not moving_base(robot).contacts:
         return 1.0
     turned = np.random.default_rng(0).uniform(-1, 1, (_POSTURES, robot.n)) * _TURNED_RAD
-    A = contact_map(robot, turned * ~np.array(robot.is_prismatic), robot.floating_base.contacts)
+    A = contact_map(robot, turned * ~np.array(robot.is_prismatic), moving_base(robot).contacts)
     # The columns are unit forces: rms of the moments over that of the forces.
     return float(np.linalg.norm(A[:, 3:6]) / np.linalg.norm(A[:, :3]))
 
@@ -603,10 +607,9 @@ def with_contact_frames(
     robot: Robot, contacts: tuple[Contact, ...]
 ) -> tuple[pin.Model, list[int], list[int]]:
     """Return the model with a frame for each contact, these frames, and their numbers of forces."""
-    assert robot.floating_base is not None
     model, frames = pin.Model(_model(robot)), []
     for place, contact in enumerate(contacts):
-        body, rotation, position = robot.floating_base.frame(contact.link)
+        body, rotation, position = moving_base(robot).frame(contact.link)
         # Joint 0 of the model is the universe, joint 1 the base.
         joint = 1 if body < 0 else 2 + robot.model_order.index(body)
         placement = pin.SE3(rotation, position + rotation @ np.array(contact.position_m))
@@ -617,7 +620,6 @@ def with_contact_frames(
 
 @lru_cache(maxsize=8)
 def _model(robot: Robot) -> pin.Model:
-    assert robot.floating_base is not None
     return floating_model(robot.model, (robot.parameters + robot.payload_parameters)[-10:])
 
 

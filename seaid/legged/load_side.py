@@ -21,6 +21,7 @@ from seaid.errors import LogError, RobotError, unknown_name
 from seaid.legged.floating import (
     FloatingRobot,
     accelerated_base,
+    base_of,
     contact_equations,
     contact_map,
     floating_regressor,
@@ -79,8 +80,7 @@ class FloatingBodies(BodyEquations):
     ) -> Array:
         """Return the columns (rows, m) over a motion, or over random stances."""
         if motion is not None:
-            base, q = motion.base, motion.joint_position
-            assert base is not None
+            base, q = base_of(motion), motion.joint_position
             Y, robot = self.body_columns(motion, known), guided(self.robot, base.guided)
             rows = [without_contact_forces(robot, q, base.contacts, known, Y, up=base.up)]
         else:
@@ -106,10 +106,9 @@ class FloatingBodies(BodyEquations):
         self, motion: Motion, known: Joints, columns: IndexArray | None = None
     ) -> Array:
         """Return some columns (T, 6 + k, c) of the bodies, or all, with contact forces."""
-        assert motion.base is not None
-        some = None if columns is None else columns.tolist()
-        Y = floating_regressor(self.robot, *motion.joint_states, motion.base.states, some)
-        return floating_rows(guided(self.robot, motion.base.guided), Y, known)
+        base, some = base_of(motion), None if columns is None else columns.tolist()
+        Y = floating_regressor(self.robot, *motion.joint_states, base.states, some)
+        return floating_rows(guided(self.robot, base.guided), Y, known)
 
     def check_stances(self, stances: Stances) -> None:
         """Raise RobotError for links of stances that are no contacts of the robot."""
@@ -151,8 +150,7 @@ class FloatingLoadSide(LoadSide):
 
     def contact_torques(self, motion: Motion, model: LoadModel) -> Array | float:
         """Return what measured wrenches contribute to the torque (T, rows) of `load_columns`."""
-        base, q = motion.base, motion.joint_position
-        assert base is not None
+        base, q = base_of(motion), motion.joint_position
         if not base.wrenches:
             return 0.0
         robot = guided(self.robot, base.guided)
@@ -181,10 +179,10 @@ class FloatingLoadSide(LoadSide):
 
         The indices of the rows of the base follow those of the n joints.
         """
-        assert motion.base is not None
-        robot = guided(self.robot, motion.base.guided)
+        base = base_of(motion)
+        robot = guided(self.robot, base.guided)
         free = np.repeat(robot.free_axes[:, None], len(rows), axis=1)
-        usable = np.concatenate([free, usable]) & motion.base.used[rows]
+        usable = np.concatenate([free, usable]) & base.used[rows]
         return (*robot.joint_names, *BASE_ROWS), _indices(robot, joints), usable
 
     def with_equation(self, usable: BoolArray, H: Array, y: Array) -> BoolArray:
@@ -204,8 +202,7 @@ def floating_columns(
 
     With `thetas` (p + p_d, k) the field `H` has no columns but torques H @ thetas (T, rows, k).
     """
-    base, q = motion.base, motion.joint_position
-    assert base is not None
+    base, q = base_of(motion), motion.joint_position
     robot, joints = guided(robot, base.guided), model.torque_joints
     joint_places, p = [robot.index(joint) for joint in joints], len(model.base.columns)
     known_bodies = np.flatnonzero(robot.known_parameters)
@@ -255,8 +252,7 @@ def as_equations(robot: Robot, motion: Motion, joints: Joints, rows: Array) -> A
 
     They have one column more, which is zero only where a row is no equation.
     """
-    base, q = motion.base, motion.joint_position
-    assert base is not None
+    base, q = base_of(motion), motion.joint_position
     unknown = unknown_frictions(robot, motion, [robot.joint_names[joint] for joint in joints])
     robot = guided(robot, base.guided)
     # No combination of contact forces makes these zero.
@@ -273,8 +269,7 @@ def late_base(
 
     It is that of `bodies` (10N,). A base that is `delay_s` late is right so much ahead.
     """
-    base, time = motion.base, motion.time
-    assert base is not None
+    base, time = base_of(motion), motion.time
     ahead_s = np.clip(time + delay_s, time[0], time[-1])
     ahead = [CubicSpline(time, state)(ahead_s) for state in base.states]
     change = _body_rows(robot, motion, joints, ahead, bodies)
@@ -305,8 +300,7 @@ def contact_force_rows(
     They are Y `bodies` less the torques of the drives by a fit `theta` of the load side; the
     friction of unknown rows is not known.
     """
-    base = motion.base
-    assert base is not None
+    base = base_of(motion)
     robot = guided(robot, base.guided)
     joints = [robot.index(joint) for joint in model.torque_joints]
     rows = _body_rows(robot, motion, joints, base.states, bodies)
@@ -323,8 +317,7 @@ def contact_force_columns(
     identified combinations are G (f, m) times these: forces follow from them alone where each row
     of C is a combination of the rows of G, C = C_f G.
     """
-    base, p = motion.base, len(model.base.columns)
-    assert base is not None
+    base, p = base_of(motion), len(model.base.columns)
     robot = guided(robot, base.guided)
     joints = [robot.index(joint) for joint in model.torque_joints]
     q, v, a = (state[samples] for state in motion.joint_states)
@@ -349,25 +342,22 @@ def stances_of(robot: FloatingRobot, motions: Sequence[Motion]) -> tuple[Stances
     The second result are those among them with measured wrenches: flat feet that have one in each
     log. A flat foot that never lifts determines only its weight.
     """
-    bases = [motion.base for motion in motions]
+    bases = [base_of(motion) for motion in motions]
     flat = _measured_feet(robot, bases)
     stances = dict.fromkeys(chain(*(_base_stances(base, flat) for base in bases)))
-    if not any(x.base is None or np.any(x.base.used[row_samples(x)]) for x in motions):
+    if not any(np.any(base_of(x).used[row_samples(x)]) for x in motions):
         raise _no_used_sample(motions)
     return tuple(stances), flat
 
 
-def _measured_feet(robot: FloatingRobot, bases: Sequence[BaseMotion | None]) -> tuple[str, ...]:
+def _measured_feet(robot: FloatingRobot, bases: Sequence[BaseMotion]) -> tuple[str, ...]:
     """Return the flat contacts that have a measured wrench in each log."""
     flat = (contact.link for contact in robot.floating_base.contacts if contact.is_flat)
-    measured = [frozenset() if base is None else frozenset(base.wrenches) for base in bases]
-    return tuple(link for link in flat if all(link in links for links in measured))
+    return tuple(link for link in flat if all(link in base.wrenches for base in bases))
 
 
-def _base_stances(base: BaseMotion | None, flat: Sequence[str]) -> list[tuple[str, ...]]:
+def _base_stances(base: BaseMotion, flat: Sequence[str]) -> list[tuple[str, ...]]:
     """Return the sets of contacts that touch the ground together, `flat` by their wrenches."""
-    if base is None:
-        return [()]
     touching = {**base.contacts, **{link: loaded(base.wrenches[link]) for link in flat}}
     if not touching:
         return [base.guided]
@@ -381,10 +371,8 @@ def _no_used_sample(motions: Sequence[Motion]) -> LogError:
     """Return the error of motions whose contacts change too often for their cutoff."""
     longest_s = 0.0
     for motion in motions:
-        assert motion.base is not None
-        flags = np.array(
-            [*motion.base.contacts.values(), *map(loaded, motion.base.wrenches.values())]
-        )
+        base = base_of(motion)
+        flags = np.array([*base.contacts.values(), *map(loaded, base.wrenches.values())])
         changes = np.flatnonzero(np.any(np.diff(flags.astype(int)), axis=0)) + 1
         samples = np.diff(changes, prepend=0, append=len(motion.time))
         longest_s = max(longest_s, float(np.max(samples)) / motion.rate_hz)
@@ -422,14 +410,13 @@ def wrench_rows(robot: Robot, motion: Motion, model: LoadModel) -> Regression:
 
     The columns are those of each sensor in turn, in the frame of its link.
     """
-    assert motion.base is not None
-    widths = {link: values.shape[1] for link, values in motion.base.wrenches.items()}
+    widths = {link: values.shape[1] for link, values in base_of(motion).wrenches.items()}
 
     def columns(piece: Motion) -> Array:
-        assert piece.base is not None
         contacts = [measured_contact(robot, link, width) for link, width in widths.items()]
         # the zeros are in y, where those of an accelerometer are in H
-        return -contact_map(robot, piece.joint_position, contacts, piece.base.up, own_frame=True)
+        up = base_of(piece).up
+        return -contact_map(robot, piece.joint_position, contacts, up, own_frame=True)
 
     names = tuple(f"{axis} of {link}" for link, n in widths.items() for axis in range(n))
     return _further_rows(robot, motion, model, columns, names, "")
@@ -446,8 +433,7 @@ def late_flag_rows(
     contacts = [replace(contact, is_flat=False) for contact in robot.floating_base.contacts]
 
     def columns(piece: Motion) -> Array:
-        base = piece.base
-        assert base is not None
+        base = base_of(piece)
         assert base.up is not None
         feet = [contact for contact in contacts if contact.link in base.contacts]
         fades = np.array([_fading(base.contacts[x.link], reach_s * piece.rate_hz) for x in feet])
@@ -488,8 +474,7 @@ def radius_rows(
     places = [contact for contact in robot.floating_base.contacts if not contact.is_flat]
 
     def columns(piece: Motion) -> Array:
-        base, q = piece.base, piece.joint_position
-        assert base is not None
+        base, q = base_of(piece), piece.joint_position
         contacts = [contact for contact in places if contact.link in base.contacts]
         rows, unknown = contact_force_rows(robot, piece, model, springs, theta, bodies)
         # `contact_equations` are of scaled rows, in which unknown ones are zero.
@@ -520,8 +505,7 @@ def _further_rows(
     joints = [robot.index(joint) for joint in model.torque_joints]
 
     def regress(piece: Motion) -> Regression:
-        assert piece.base is not None
-        held = guided(robot, piece.base.guided)
+        held = guided(robot, base_of(piece).guided)
         A = as_equations(robot, piece, joints, floating_rows(held, columns_of(piece), joints))
         torque = A[:, :, -1]
         columns = LoadColumns(torque, np.zeros_like(torque), A[:, :, :-1], A[:, :, :0])
@@ -543,6 +527,6 @@ def thinned(motion: Motion) -> Motion:
     """
     rate_hz = _RATES * motion.cutoff_hz
     factor = int(motion.rate_hz / rate_hz) if np.isfinite(rate_hz) else 1
-    if factor < 2 or motion.base is None or motion.base.wrenches:
+    if factor < 2 or base_of(motion).wrenches:
         return motion
     return decimated(motion, factor)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import singledispatch
 from itertools import compress
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,19 @@ from seaid.robot import BASE_ROWS, imu_motion
 
 if TYPE_CHECKING:
     from seaid.robot import FloatingBase, ImuMotion, Robot
+
+
+@singledispatch
+def moving_base(robot: Robot) -> FloatingBase:
+    """Return the base of a robot that nothing holds. Raises LogError for one that is held.
+
+    The type of robots with such a base registers it, see `seaid.legged`.
+    """
+    raise LogError(
+        f"[base] and [contacts] are those of a base that moves, and that of '{robot.name}' is "
+        "fixed: load it with base='floating'",
+        "base='floating'",
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,7 +120,7 @@ class BaseLog(Display):
         >>> hanging = replace(log, base=seaid.log.BaseLog.hanging(robot, len(log.time)))
         >>> seaid.identify(robot, [hanging, standing])
         """
-        base = robot.floating_base
+        base = None if robot.base_is_held else moving_base(robot)
         if base is None or not base.contact_of(base.link).is_flat:
             link = "base" if base is None else base.link
             raise LogError(
@@ -182,8 +196,8 @@ def with_guided(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
 
     Gravity has a specific force along the normal of a plane that is not vertical.
     """
-    columns, base = dict(picked), robot.floating_base
-    if base is None or base.normal is None:
+    columns = dict(picked)
+    if robot.base_is_held or (base := moving_base(robot)).normal is None:
         return columns
     if ANGLE in columns:
         names = CHANNELS["orientation"]
@@ -211,13 +225,12 @@ def _quaternions(base: FloatingBase, angle_rad: Array) -> Array:
 
 def base_log(picked: Mapping[str, Array], robot: Robot) -> BaseLog | None:
     """Return the samples of the base from its columns {name: samples (T,)}, None without any."""
-    assert robot.floating_base is not None
     arrays: dict[str, Any] = {"contacts": {}, "wrenches": {}}
     picked = with_guided(picked, robot)
     for name, names in CHANNELS.items():
         if logged := [*filter(picked.__contains__, names)]:
             arrays[name] = _stacked(names, picked, f"the log has {logged[0]} and")
-    for link in robot.floating_base.contact_links:
+    for link in moving_base(robot).contact_links:
         contact, wrench = contact_columns(link)
         if contact in picked:
             _check_flags(link, picked[contact])
@@ -333,8 +346,7 @@ def base_motion(
     IMU, else of position and orientation. Samples nearer than two periods of the low pass to a
     change of contact are not used, nor those of a foot that is in the air for less than `_LIFTED`.
     """
-    base = robot.floating_base
-    assert base is not None
+    base = moving_base(robot)
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
     log, jumped = _without_jumps(_logged(robot, log))
     smooth = log.each(lambda x: low_pass(x, rate_hz, cutoff_hz))

@@ -226,7 +226,7 @@ class LogDescription(Display):
         Limits of the repair.
     base : mapping {quantity: Source}
         Of a floating base: position, orientation, velocity, angular_velocity, acceleration (without
-        gravity) and specific_force (with it).
+        gravity) and specific_force (with it); of a planar one angle, too.
     contacts : mapping {link: mapping {quantity: Source}}
         Of its contacts: contact, force and moment.
     files : tuple of str

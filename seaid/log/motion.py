@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -146,8 +146,8 @@ class Motion(Display):
         position commands, NaN for others: factor of their equations before the low pass.
     gear_torque : array (T, n) or None
         Estimated torque of rigid drives on their load [N m or N], if their friction depends on it.
-    base : BaseMotion or None
-        The motion of a floating base, and its contacts.
+    base : None
+        `MotionWithBase` has one, and is the type of motions of a robot that nothing holds.
     bridged : array (T,) or None
         Whether a sample was interpolated over a gap; None: none was.
     processing : Processing or None
@@ -217,6 +217,19 @@ class Motion(Display):
         if self.base is not None:
             cut["base"] = self.base.samples(part)
         return replace(self, **cut, fastest=self.largest_speeds)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionWithBase(Motion):
+    """The motion of a robot whose base moves, too.
+
+    Attributes
+    ----------
+    base : BaseMotion
+        The motion of the base, and its contacts.
+    """
+
+    base: BaseMotion = field(kw_only=True)
 
 
 def decimated(motion: Motion, factor: int) -> Motion:
@@ -403,10 +416,11 @@ def _motion(
     for kind, (of_joints, of_motors) in zip(kinds, states, strict=True):
         sides |= {f"joint_{kind}": of_joints, f"motor_{kind}": of_motors}
     others = _other_signals(robot, time, signals, band_hz)
+    made = Motion if robot.base_is_held else MotionWithBase
     if not robot.base_is_held:
         q, v, a = (of_joints for of_joints, _ in states)
         others["base"] = base_motion(robot, _base_on(log, time), time, band_hz, (q, v, a))
-    motion = Motion(
+    motion = made(
         **sides,
         **others,
         time=time,
@@ -516,13 +530,13 @@ def _uniform(log: Log, joints: Sequence[str]) -> tuple[Array, dict[str, Array]]:
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
     # The last stamp may exceed the log's by rounding, and a spline would extrapolate there.
     time = np.minimum(log.time[0] + step * np.arange(count), log.time[-1])
-    resampled = {field: np.full((count, len(joints)), np.nan) for field in signals}
-    for field, values in signals.items():
+    resampled = {sensor: np.full((count, len(joints)), np.nan) for sensor in signals}
+    for sensor, values in signals.items():
         for place in np.flatnonzero(np.isfinite(values[0])):
             # The deflection rate multiplies the damping of the spring: the deflection is
             # differentiated too.
-            how = "spline" if field == "deflection" else quantity_of(field).interpolation
-            resampled[field][:, place] = interpolated(log.time, values[:, place], time, how)
+            how = "spline" if sensor == "deflection" else quantity_of(sensor).interpolation
+            resampled[sensor][:, place] = interpolated(log.time, values[:, place], time, how)
     return time, resampled
 
 

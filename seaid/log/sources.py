@@ -19,7 +19,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import total_ratio
 from seaid.errors import LogError, check_name, listed
-from seaid.log.base_log import continuous, matrices, needed_columns, with_guided
+from seaid.log.base_log import continuous, matrices, moving_base, needed_columns, with_guided
 from seaid.log.channels import (
     CHANNELS,
     OF_BASE,
@@ -270,14 +270,14 @@ def _own_sources(
 
     A short name is one of seaid's unless a description uses it.
     """
-    sources, base = dict[str, Source](), robot.floating_base
+    sources = dict[str, Source]()
     for name, row in rows.items():
         if key[0] == "joints":
             # The long name first: a file with both has the joint's own under it.
             long = row.column(key[1], _is_prismatic(robot, key[1]))
             columns = [long] if long in table.names else [*{short_name(long)}.difference(used)]
         else:
-            is_own = name != "angle" or (base is not None and base.normal is not None)
+            is_own = name != "angle" or moving_base(robot).normal is not None
             columns = [*row.columns(key[-1])] if is_own and name != "acceleration" else []
         if logged := tuple(filter(table.names.__contains__, columns)):
             sources[name] = Source(logged)
@@ -293,9 +293,9 @@ def _rows_of(
     """
     rows = dict[tuple[str, ...], Mapping[str, Quantity]]()
     rows |= {("joints", joint): OF_JOINTS for joint in robot.joint_names}
-    if robot.floating_base is not None:
+    if not robot.base_is_held:
         rows["base",] = OF_BASE
-        links = dict.fromkeys([*links, *robot.floating_base.contact_links])
+        links = dict.fromkeys([*links, *moving_base(robot).contact_links])
         rows |= {("contacts", link): OF_CONTACTS for link in links}
     return rows
 
@@ -319,16 +319,9 @@ def of_other_names(description: LogDescription, robot: Robot) -> LogDescription:
 
 def _check_owners(path: Path, description: LogDescription, robot: Robot) -> None:
     """Raise LogError for unknown joints and links, and a base that the robot has not."""
-    base = robot.floating_base
     allowed: dict[str, Collection[str]] = {"joints": robot.joint_names}
-    if base is not None:
-        allowed["contacts"] = base.frames
-    elif description.base or description.contacts:
-        raise LogError(
-            "the description has [base] or [contacts], and the base of the robot is fixed: "
-            "load it with base='floating'",
-            "base='floating'",
-        )
+    if not robot.base_is_held or description.base or description.contacts:
+        allowed["contacts"] = moving_base(robot).frames
     for kind, names in allowed.items():
         for owner in getattr(description, kind):
             check_name(kind[:-1], owner, names, LogError, f"'{path}': [{kind}.{owner}]")
@@ -342,9 +335,8 @@ def _names(
     Those of a vector that is to be turned into the frame of `BaseLog`, and of the deflection of a
     spring, have names of their own.
     """
-    base = robot.floating_base
-    if base is not None and key[0] != "joints":
-        return _names_of_vector(where, row.columns(key[-1]), row, source, base)
+    if key[0] != "joints":
+        return _names_of_vector(where, row.columns(key[-1]), row, source, moving_base(robot))
     own = row.column(key[1], _is_prismatic(robot, key[1]))
     is_of_spring = row.name == "deflection" and source != Source((own,))
     spring = f"{key[1]}.deflection_{_unit_of(robot, key[1], row.name)}"
@@ -536,8 +528,7 @@ def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]
 
 def _in_own_frame(quantity: str, frame: str, values: Array, R: Array, robot: Robot) -> Array:
     """Return a vector (T, 3) in the frame of `BaseLog`; R (T, 3, 3) turns the base to the world."""
-    base, gravity = robot.floating_base, robot.model.gravity.linear
-    assert base is not None
+    base, gravity = moving_base(robot), robot.model.gravity.linear
     if quantity == "velocity":
         return np.asarray(np.einsum("tij,tj->ti", R, values))
     # f = R^T (a - g) = R^T a - R^T g: `tji` transposes R, and gravity as a row times R is R^T g.
@@ -549,8 +540,7 @@ def _in_own_frame(quantity: str, frame: str, values: Array, R: Array, robot: Rob
 
 def _check_turnable(turned: Sequence[str], picked: Mapping[str, Array], robot: Robot) -> None:
     """Raise LogError if vectors of other frames lack an orientation, or their IMU moves."""
-    base = robot.floating_base
-    assert base is not None
+    base = moving_base(robot)
     if not set(CHANNELS["orientation"]) <= set(picked):
         kind = turned[0].removeprefix("base.").rsplit("_in_", 1)
         raise LogError(

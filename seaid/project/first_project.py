@@ -25,8 +25,9 @@ from seaid.drives.terms import MotorInput
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import Hertz, LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check
-from seaid.legged import FloatingRobot, load_robot, with_leg_order
+from seaid.legged import load_robot, with_leg_order
 from seaid.log import Description, Log, describe_log, low_pass, read_log
+from seaid.log.base_log import moving_base
 from seaid.log.describe import logs_of_files
 from seaid.log.describe.inference import Doubt
 from seaid.log.description import as_toml
@@ -143,7 +144,7 @@ def write_first_project(
         "first_project.toml.j2",
         {
             **{"toml": as_toml, "comment": _comment, "relative": partial(_relative, folder=folder)},
-            **{"unflagged": partial(_unflagged, robot), "known": _known_fields},
+            **{"unflagged": _unflagged, "moving_base": moving_base, "known": _known_fields},
         },
         **_known_bodies(robot, logs_read, tables),
         **{"doubts": doubts, "logs": _parts(read, _is_commanded(tables)), "robot": robot},
@@ -408,9 +409,8 @@ def _parts(read: Sequence[_ReadLog], is_commanded: bool) -> list[tuple[_ReadLog,
 
 def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:
     """Return the contacts of a floating base of which a log has neither a flag nor a wrench."""
-    if not isinstance(robot, FloatingRobot) or log.base is None:
-        return ()
-    return log.base.unflagged(robot.floating_base.contact_links)
+    links = () if robot.base_is_held else moving_base(robot).contact_links
+    return () if log.base is None else log.base.unflagged(links)
 
 
 def _without_flags(robot: Robot, logs: Sequence[Log]) -> list[str]:

@@ -27,7 +27,7 @@ from seaid.drives.toml import drives_from_mapping
 from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shown
 from seaid.identification import Fit, Identification, Validation
 from seaid.log import Motion
-from seaid.log.motion import decimated
+from seaid.log.motion import MotionWithBase, decimated
 from seaid.robot import Robot
 from seaid.robot.pinocchio_model import ModelJoint, joints_of, model_of
 from seaid.simulation import ReplayComparison
@@ -35,10 +35,11 @@ from seaid.simulation import ReplayComparison
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
 
-_FORMAT = "seaid run 6"
+_FORMAT = "seaid run 7"
 """The format of this version, the only one that loads. It rises when a file of before would load
 wrongly or not at all: 1 had no checksum, 2 had findings in estimates, 3 is from before robots with
-a floating base had a type of their own, 4 had the parts of a run one by one, and 5 no estimator."""
+a floating base had a type of their own, 4 had the parts of a run one by one, 5 no estimator, and 6
+motions with a base that were of no type of their own."""
 
 _RATE_PER_CUTOFF = 25.0
 """Least sampling rate of a saved motion over its cutoff; positions have five times the cutoff."""
@@ -257,7 +258,7 @@ def _classes() -> dict[str, Any]:
     found: dict[str, Any] = {}
     # Next to a run the subtypes of the types in its annotations. With the latter all is loaded
     # that a robot on a floating base has registered.
-    waiting: list[Any] = [Run, FloatingRobot, LeggedValidation]
+    waiting: list[Any] = [Run, FloatingRobot, MotionWithBase, LeggedValidation]
     while waiting:
         hint = waiting.pop()
         waiting += get_args(hint)

@@ -9,6 +9,7 @@ from .provenance import facts_of as facts_of
 from .provenance import provenance_of as provenance_of
 from .text import condition_lines as condition_lines
 from .text import measure_lines as measure_lines
+from .text import named_table as named_table
 from .text import short_text as short_text
 from .text import table as table
 from .text import warning_lines as warning_lines

@@ -180,7 +180,7 @@ def _load_rows(result: Identification) -> int:
     """Return the number of load-side equations at an instant."""
     robot, count = result.robot, len(result.model.torque_joints)
     if isinstance(robot, FloatingRobot):
-        count += int(robot.floating_base.free_axes.sum())
+        count += int(robot.free_axes.sum())
     return count
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import ParameterName, readable
+from seaid.identification.result import NUMBERS
 from seaid.report.formats import (
     NONE,
     Measured,
@@ -130,17 +131,6 @@ def setup_table(joints: Mapping[str, JointCheck]) -> Table:
     return table_of("set-up", rows)
 
 
-_FORCES = (
-    "rms_force",
-    "rms_error",
-    "relative_error",
-    "mean_normal",
-    "least_normal",
-    "standard_error",
-    "friction_used",
-)
-
-
 def contact_tables(runs: Sequence[Run]) -> list[Table]:
     """Return the contact forces of those validations that have any."""
     from seaid.legged import LeggedValidation
@@ -154,7 +144,10 @@ def contact_tables(runs: Sequence[Run]) -> list[Table]:
 
 def contact_table(name: str, forces: ContactForces) -> Table:
     """Return the predicted and measured contact forces of a validation of this name."""
-    rows = zip(forces.links, forces.basis, *(getattr(forces, x) for x in _FORCES), strict=True)
+    from seaid.legged.contacts import CONTACT_NUMBERS
+
+    shown = (getattr(forces, x) for x in CONTACT_NUMBERS if x not in ("scale", "pulled"))
+    rows = zip(forces.links, forces.basis, *shown, strict=True)
     sums = {
         "predicted": forces.vertical,
         "measured": forces.measured_vertical,
@@ -309,16 +302,8 @@ def error_rows(runs: Sequence[Run], robot: Robot | None = None) -> list[ErrorRow
 
 
 def _error_row(run: Run, side: str, name: str, unit: str, fit: Fit, index: int) -> ErrorRow:
-    measures: dict[str, Any] = {
-        measure: float(getattr(fit, measure)[index]) for measure in _MEASURES
-    }
+    measures: dict[str, Any] = {name: float(getattr(fit, name)[index]) for name in NUMBERS}
     return ErrorRow(run.name, run.is_unseen, name, side, unit, **measures)
-
-
-_MEASURES = (
-    *("relative_error", "counted_share", "relative_error_with_standstill", "raw_relative_error"),
-    *("rms_error", "r_squared"),
-)
 
 
 def whole_rows(run: Run) -> list[ErrorRow]:

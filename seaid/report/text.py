@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from io import StringIO
 from itertools import compress
@@ -61,6 +61,11 @@ def table_text(made: Table, title: str = "") -> str:
     return table(title or made.title, *made.texts)
 
 
+def named_table(name: str, rows: Iterable[Sequence[Any]]) -> str:
+    """Return a table of `tables.toml` with a value per column in each row as text."""
+    return table_text(table_of(name, rows))
+
+
 def fields_table(data: Any) -> str:
     """Return the fields of an object that differ from their defaults."""
     return table(repr(data), ["field", "value"], [[*row] for row in field_texts(data)])
@@ -68,7 +73,7 @@ def fields_table(data: Any) -> str:
 
 def robot_table(robot: Robot) -> str:
     """Return joints, drives and bodies of a robot."""
-    from seaid.legged import FloatingRobot
+    from seaid.log.base_log import moving_base
 
     kinds = [
         (
@@ -86,9 +91,9 @@ def robot_table(robot: Robot) -> str:
             kinds, robot.body_names, robot.parameters[::10], strict=False
         )
     ]
-    if isinstance(robot, FloatingRobot):
-        kind = "free" if robot.floating_base.normal is None else "planar"
-        rows.append(("", kind, "", robot.floating_base.link, robot.parameters[-10]))
+    if not robot.base_is_held:
+        kind = "free" if moving_base(robot).normal is None else "planar"
+        rows.append(("", kind, "", moving_base(robot).link, robot.parameters[-10]))
     return table_text(table_of("robot", rows), repr(robot))
 
 

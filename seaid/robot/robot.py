@@ -19,7 +19,6 @@ from seaid.drives import IDEAL_DRIVE, Drive, read_drives
 from seaid.drives.angle_ratio import Ratios
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import RobotError, SeaidError, check_name
-from seaid.robot.floating_base import FloatingBase
 from seaid.robot.inertia import Payload, parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import (
     TURNING,
@@ -69,8 +68,6 @@ class Robot(Display):
         The file.
     known_bodies : tuple of str
         Bodies whose parameters are known and not identified.
-    floating_base : None
-        `seaid.legged.FloatingRobot` has one, and is the type of robots that nothing holds.
     locked : mapping {joint: position}
         Joints that stand still elsewhere than at zero [rad or m].
     joints_of_file : tuple of str
@@ -97,7 +94,6 @@ class Robot(Display):
     urdf: Path | None = None
     known_bodies: tuple[str, ...] = ()
     dependent_joints: tuple[DependentJoint, ...] = ()
-    floating_base: FloatingBase | None = None
     locked: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}, "joint"))
     joints_of_file: tuple[str, ...] = ()
     at_rest: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}, "joint"))

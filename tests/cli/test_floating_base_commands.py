@@ -9,6 +9,7 @@ import pytest
 
 import seaid
 from seaid.cli.kinds import contacts_of
+from seaid.log.base_log import moving_base
 from tests.cli.small_arm import done, refused
 from tests.legged.test_floating_base import STANDING, swayed
 
@@ -45,8 +46,7 @@ def test_a_saved_run_and_its_report_have_the_floating_base(tmp_path: Path) -> No
     line = (*GO2, tmp_path / "sway.csv", "--cutoff-hz", "4", "--feasible")
     done("identify", *line, "-o", run)
     found = seaid.project.load_run(run).identification
-    assert found.robot.floating_base is not None
-    assert found.robot.floating_base.contacts == STANDING.floating_base.contacts  # type: ignore[union-attr]
+    assert moving_base(found.robot).contacts == moving_base(STANDING).contacts
     again = seaid.validate(found, swayed())
     assert np.max(again.load.relative_error) < 0.01
     page = tmp_path / "go2.html"
@@ -88,8 +88,7 @@ def test_a_project_file_has_the_base_and_its_contacts(tmp_path: Path) -> None:
     file = tmp_path / "seaid.toml"
     file.write_text(PROJECT)
     project = seaid.load_project(file)
-    base = project.robot().floating_base
-    assert base is not None
+    base = moving_base(project.robot())
     assert base.contacts == (
         seaid.robot.Contact("FL_foot"),
         seaid.robot.Contact("FR_foot", radius_m=0.02),

@@ -5,6 +5,7 @@ and newton); else its schema is checked, as the documentation of the package has
 """
 
 import math
+import re
 import runpy
 import sys
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ import pytest
 from lxml import etree
 
 import seaid
+from seaid.cli.export import CODE, export
 from seaid.drives import Controller, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError
 from seaid.export import FORMATS, WrittenModel
@@ -367,6 +369,12 @@ def test_the_table_of_the_documentation_is_that_of_the_code() -> None:
             held, lacks = ["bodies; the TOML has all else"], []
         assert f"| `{name}` | {', '.join(held)} | {', '.join(lacks) or '-'} |" in rows
         assert any(row.startswith(f"| `{name}` | `{format_.suffix}`") for row in rows)
+
+
+def test_the_help_of_the_command_has_all_formats() -> None:
+    about = re.search(r"\n    format\n(.*)", export.__doc__ or "")
+    assert about is not None
+    assert {*FORMATS, *CODE} <= {*re.findall(r"\w+", about[1])}
 
 
 def test_delays_of_mujoco_stay_whole_in_a_step_ten_times_shorter(tmp_path: Path) -> None:

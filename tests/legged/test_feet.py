@@ -26,6 +26,7 @@ from seaid.legged.base import turned_to_world
 from seaid.legged.feet import MOTION_CHECKS, FeetInMotion, foot_places
 from seaid.legged.floating import contact_map
 from seaid.log import BaseLog, Description, LogDescription
+from seaid.log.base_log import moving_base
 from seaid.log.describe.inference import Doubt
 from seaid.log.description import Source
 from tests.legged.test_floating_base import STANDING, base_of, found_standing, go2, with_base
@@ -275,12 +276,11 @@ def test_late_flags_have_their_delay(late_s: float, word: str, places: Sequence[
     robot = go2()
     motion = seaid.reconstruct_motion(robot, walked(), cutoff_hz=10.0)
     assert motion.base is not None
-    assert robot.floating_base is not None
     time, size = motion.time, (len(motion.time), 4)
     phase = (time[:, None] / 0.6 + [0.0, 0.5, 0.5, 0.0]) % 1
     feet = np.zeros((*size, 3))
     feet[:, :, 0] = 0.5 * (phase > 0.6) + 0.01 * np.random.default_rng(0).normal(size=size)
-    J = contact_map(robot, motion.joint_position, robot.floating_base.contacts, motion.base.up)
+    J = contact_map(robot, motion.joint_position, moving_base(robot).contacts, motion.base.up)
     v = np.linalg.solve(J[:, 6:].swapaxes(1, 2), feet.reshape(size[0], -1, 1))[:, :, 0]
     late = phase <= 0.6
     late[:, places] = np.roll(late[:, places], round(late_s * motion.rate_hz), axis=0)

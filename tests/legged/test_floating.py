@@ -28,6 +28,7 @@ from seaid.legged.floating import (
 )
 from seaid.legged.load_side import stances_of
 from seaid.log import BaseLog
+from seaid.log.base_log import moving_base
 from seaid.robot import Contact, Robot
 from seaid.robot.pinocchio_model import floating_model
 from tests.regressor.stances import columns_of_stances
@@ -245,8 +246,7 @@ def test_exact_columns_of_other_contacts_are_the_numeric_ones() -> None:
 def test_rows_of_each_stance_are_inverse_dynamics_with_contact_forces(name: str) -> None:
     robot, rng, links = standing(name), np.random.default_rng(5), {**FEET, **SOLES}[name]
     joints, base, rows, model, q = states_in_the_world(robot, rng)
-    assert robot.floating_base is not None
-    contacts = robot.floating_base.contacts
+    contacts = moving_base(robot).contacts
     known = [*range(0, robot.n, 2), *range(1, robot.n, 4)]  # others have no torque in the log
     kept = [*range(6), *(6 + joint for joint in known)]
     width = 6 if name in SOLES else 3
@@ -268,8 +268,7 @@ def test_rows_of_each_stance_are_inverse_dynamics_with_contact_forces(name: str)
 
 def pushed(robot: Robot, model: pin.Model, q: Array, contact: Contact, own: Array) -> Array:
     """Return the rows (6 + n,) of a wrench at a contact in the axes of its link, by Pinocchio."""
-    assert robot.floating_base is not None
-    body, rotation, position = robot.floating_base.frame(contact.link)
+    body, rotation, position = moving_base(robot).frame(contact.link)
     joint = 1 if body < 0 else 2 + robot.model_order.index(body)
     still = np.zeros(model.nv)
     forces = pin.StdVec_Force()
@@ -311,8 +310,7 @@ def test_stances_of_a_log_have_the_flat_feet_whose_wrench_is_measured() -> None:
 def test_contact_forces_are_determined_as_far_as_statics_allows() -> None:
     feet = FEET["solo12.urdf"]
     robot = floating("solo12.urdf", contacts=feet)
-    assert robot.floating_base is not None
-    contacts = robot.floating_base.contacts
+    contacts = moving_base(robot).contacts
     q = np.random.default_rng(4).uniform(-1, 1, (5, 12))
     touching = dict.fromkeys(feet, np.ones(5, dtype=bool))
     of_sum = np.tile(np.eye(3), 4)

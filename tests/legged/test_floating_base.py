@@ -22,6 +22,7 @@ from seaid.legged import FloatingRobot, LeggedValidation, whole_body
 from seaid.legged.base import _Axes, _limits, _significant
 from seaid.legged.floating import contact_map, floating, floating_regressor
 from seaid.log import BaseLog, reconstruct_motion
+from seaid.log.base_log import moving_base
 from seaid.regressor import rigid_body_regressor
 from seaid.robot import BASE_ROWS, Robot
 from tests.plants import kept
@@ -86,8 +87,7 @@ def swayed() -> seaid.Log:
     joints, (w, e, _), (f, _, _) = waves(12, 0.5), waves(3, 0.8), waves(3, 2.0)
     f = f + np.array([0, 0, 9.81])
     rows = floating_regressor(STANDING, *joints, (w, e, f)) @ STANDING.parameters
-    assert STANDING.floating_base is not None
-    A = contact_map(STANDING, joints[0], STANDING.floating_base.contacts)
+    A = contact_map(STANDING, joints[0], moving_base(STANDING).contacts)
     # the least contact forces that hold the base
     forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), rows[:, :6])
     torque = rows - np.einsum("trk,tk->tr", A, forces)
@@ -204,8 +204,7 @@ def test_errors_of_known_constants_are_those_of_whole_identifications(name: str)
 def measured() -> seaid.Log:
     """The motion of `swayed` with force sensors at its feet, and torques that belong to them."""
     log = swayed()
-    assert STANDING.floating_base is not None
-    A = contact_map(STANDING, log.joint_position, STANDING.floating_base.contacts, own_frame=True)
+    A = contact_map(STANDING, log.joint_position, moving_base(STANDING).contacts, own_frame=True)
     motion = seaid.reconstruct_motion(STANDING, log, cutoff_hz=4.0)
     assert motion.base is not None
     rows = floating_regressor(STANDING, *motion.joint_states, motion.base.states)

@@ -19,6 +19,7 @@ from seaid.errors import SeaidError
 from seaid.legged.base import RECORD_CHECKS, BaseRecord
 from seaid.legged.floating import floating_regressor, floating_rows, planar_rotations
 from seaid.log import BaseLog
+from seaid.log.base_log import moving_base
 from seaid.log.filtering import spline_derivatives
 from seaid.robot import Contact, Robot
 from tests.plants import write_columns
@@ -109,8 +110,7 @@ def test_planar_joint_of_the_file_is_that_of_the_base(folder: Path) -> None:
     of_file, named = loaded(folder), loaded(folder, "hopper.urdf", "planar_xz")
     np.testing.assert_array_equal(of_file.parameters, named.parameters)
     for robot in (of_file, named):
-        assert robot.floating_base is not None
-        assert robot.floating_base.normal == (0.0, 1.0, 0.0)
+        assert moving_base(robot).normal == (0.0, 1.0, 0.0)
         assert "planar base" in repr(robot)
 
 
@@ -118,8 +118,7 @@ def test_rows_are_those_of_two_slides_and_a_hinge(folder: Path) -> None:
     robot, chain = loaded(folder), seaid.load_robot(folder / "chain.urdf")
     rng, count = np.random.default_rng(1), 20
     q, v, a = rng.normal(size=(3, count, 7))
-    assert robot.floating_base is not None
-    R = planar_rotations(robot.floating_base, q[:, 2])
+    R = planar_rotations(moving_base(robot), q[:, 2])
     zero = np.zeros(count)
     w, e = (np.column_stack([zero, x[:, 2], zero]) for x in (v, a))
     f = np.einsum("tji,tj->ti", R, np.column_stack([a[:, 0], zero, a[:, 1] + 9.81]))
@@ -432,7 +431,7 @@ MISREAD: dict[str, tuple[Callable[[Array], Array], str]] = {
 @pytest.mark.parametrize("what", MISREAD)
 def test_a_velocity_is_the_change_of_the_position(folder: Path, plane: Any, what: str) -> None:
     """It was silent in a plane: the velocity alone gives the acceleration of the base."""
-    base = seaid.load_robot(folder / "hopper.urdf", base=plane).floating_base
+    base = moving_base(seaid.load_robot(folder / "hopper.urdf", base=plane))
     assert base is not None
     time, rng = np.arange(0.0, 10.0, 0.004), np.random.default_rng(0)
     shift = np.array([0.05, 0.04 * (plane == "floating"), 0.03])

@@ -16,7 +16,7 @@ from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log import BaseLog, reconstruct_motion
-from seaid.log.base_log import BaseMotion, _without_jumps, base_jumps, continuous
+from seaid.log.base_log import BaseMotion, _without_jumps, base_jumps, continuous, moving_base
 from seaid.robot import Contact, Robot
 from seaid.robot.pinocchio_model import floating_model
 
@@ -119,8 +119,7 @@ def test_pose_and_imu_give_the_same_motion_of_the_base(tmp_path: Path) -> None:
 @pytest.mark.parametrize("link", ["FL_FOOT", "HR_SHOULDER"])
 def test_imu_on_a_link_that_joints_move_gives_the_motion_of_the_base(link: str) -> None:
     robot = solo(imu_link=link)
-    assert robot.floating_base is not None
-    body, rotation, place = robot.floating_base.frame(link)
+    body, rotation, place = moving_base(robot).frame(link)
     R, w, e = turned()
     _, f = specific_force(R)
     # Pinocchio's free joint, accelerated by the specific force, and no gravity

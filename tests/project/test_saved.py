@@ -150,10 +150,10 @@ def test_a_folder_without_a_run(tmp_path: Path) -> None:
         (b"", "no saved run, which seaid run writes, .*: it is no archive of a run"),
         (b"t,q\n0,1\n", "no saved run, which seaid run writes, .*: it is no archive of a run"),
         (b"PK\x03\x04 no archive", "damaged"),
-        ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 6'"),
+        ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 7'"),
         ({"format": "seaid run 2"}, "damaged"),
         (
-            {"format": "seaid run 6", "run": {"is": "Popen", "fields": {}}},
+            {"format": "seaid run 7", "run": {"is": "Popen", "fields": {}}},
             "damaged",
         ),
     ],

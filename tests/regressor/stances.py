@@ -12,6 +12,7 @@ import pinocchio as pin
 from scipy.linalg import block_diag, null_space
 
 from seaid._arrays import Array, BoolArray
+from seaid.log.base_log import moving_base
 from seaid.regressor import BaseParameters, rigid_body_regressor
 from seaid.robot import HANGING, Contact, Robot
 from tests.plants import states
@@ -89,8 +90,7 @@ class _FreeFlyer:
         joints = [self.model.getJointId(name) for name in robot.all_joint_names]
         self.order = [*range(6), *(self.model.joints[joint].idx_v for joint in joints)]
         self.bodies = [*joints, root]
-        assert robot.floating_base is not None
-        self.base = robot.floating_base
+        self.base = moving_base(robot)
         for contact in self.base.contacts:
             body, rotation, position = self.base.frame(contact.link)
             place = pin.SE3(np.eye(3), position + rotation @ np.array(contact.position_m))

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from seaid._arrays import Array
+from seaid.log.base_log import moving_base
 from seaid.log.channels import UNIT_FACTORS, Frame
 from seaid.log.describe.inference import Inference
 from seaid.log.describe.names import (
@@ -100,8 +101,7 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> None:
 
     `inference` has all samples; it gets the sources, and the meanings of the columns.
     """
-    assert robot.floating_base is not None
-    search = _Search(table, inference, robot, robot.floating_base)
+    search = _Search(table, inference, robot, moving_base(robot))
     vectors = search.named_vectors() or search.vectors_of_one_table()
     search.take_states(vectors)
     forces = search.take_wrenches(vectors)

@@ -347,7 +347,9 @@ def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path
     with pytest.raises(LogError, match=message):
         seaid.read_log(tmp_path / "a.npz", go2(), description=whole)
     held = seaid.load_robot(example_urdf("go2.urdf"))
-    with pytest.raises(LogError, match=re.escape("the description has [base] or [contacts]")):
+    with pytest.raises(
+        LogError, match=re.escape("[base] and [contacts] are those of a base that moves")
+    ):
         seaid.read_log(tmp_path / "a.npz", held, description=whole)
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import tomllib
 from collections import Counter
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-from seaid.log import Log
+from seaid.log import BaseLog, Log, LogDescription
 from seaid.log.channels import (
+    CHANNELS,
     OF_BASE,
     OF_CONTACTS,
     OF_JOINTS,
@@ -24,6 +26,7 @@ from seaid.log.channels import (
     quantity_of,
 )
 from seaid.log.describe.names import kind_of, known_unit, meaning_of, place_of, vocabulary
+from seaid.regressor.structural_identifiability import Sensor
 
 FOLDER = Path(__file__).parents[3]
 
@@ -68,10 +71,33 @@ def test_phrases_count_as_a_whole() -> None:
     assert factor == np.pi / 180
 
 
-def test_the_table_of_channels_has_the_fields_of_a_log_and_the_documented_quantities() -> None:
-    """The table, the log and the page list the same quantities."""
+def attributes_of(documented: type) -> dict[str, str]:
+    """{attribute: what the docstring of a class has about it}."""
+    text = inspect.getdoc(documented) or ""
+    entries = re.findall(r"\n(\w[\w, ]*) : (.*(?:\n {4}.*)*)", text)
+    return {name: about for names, about in entries for name in names.split(", ")}
+
+
+def test_fields_and_sensors_are_those_of_the_table_of_channels() -> None:
+    """Typed fields and options cannot be made of a table: they are written, and equal to it."""
     others = {"time", "joint_names", "is_prismatic", "base", "report", "description"}
     assert {field.name for field in fields(Log)} - others == {*SENSORS}
+    assert {field.name for field in fields(BaseLog)} - {"contacts", "wrenches"} == {*CHANNELS}
+    measured = {x for x, row in OF_JOINTS.items() if not (row.is_command or row.is_slow)}
+    assert {*get_args(Sensor)} == measured
+
+
+def test_documented_quantities_and_units_are_those_of_the_table_of_channels() -> None:
+    """The docstrings and the page list the same quantities, with their units."""
+    about = attributes_of(Log) | attributes_of(BaseLog)
+    for row in (*OF_JOINTS.values(), *(OF_BASE[name] for name in CHANNELS)):
+        units = ",".join(re.findall(r"\[(.*?)\]", about[row.name]))
+        for unit in filter(None, (row.unit, row.prismatic_unit)):
+            spelled = unit.replace("Nm", "N m").replace("_per_", "/").replace("s2", "s^2")
+            assert spelled in re.split(r",? or |, ?", units), row.name
+    described = attributes_of(LogDescription)
+    for key, rows in (("joints", OF_JOINTS), ("base", OF_BASE), ("contacts", OF_CONTACTS)):
+        assert {*rows} <= {*re.findall(r"\w+", described[key])}
     text = (FOLDER / "docs" / "logs.md").read_text("utf-8")
     documented = re.search(r"Quantities of a joint: (.*?)\. Velocities", text, re.DOTALL)
     assert documented is not None
