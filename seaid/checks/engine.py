@@ -462,21 +462,22 @@ class Equation:
         """Return the squared residual, of some rows only."""
         return float(np.sum(self.residual[rows] ** 2))
 
-    def is_promising(self, alternatives: Iterable[Alternative]) -> bool:
+    def is_promising(self, candidate: Candidate) -> bool:
         """Whether columns explain enough of the residual of the rows that they act on.
 
-        That is a part of it, and of the torque of some joint unless it is most of the residual: a
-        delay in quadrature to a large torque is small next to it, and all of the friction. Columns
-        in place of others explain no more than they do next to all columns.
+        That is a part of it, and of the torque of some joint, unless a delay is most of it: in
+        quadrature to a large torque it is small, and as large as the friction. Columns in place of
+        others explain no more than they do next to all columns.
         """
-        columns = [model.columns for model in alternatives]
+        columns = [model.columns for model in candidate.alternatives]
         rows, whole = np.any(np.hstack(columns) != 0, axis=1), self.weighted(np.hstack(columns))
         of_joints = [rows & (self.rows.joint == x) for x in np.unique(self.rows.joint[rows])]
         # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
         # torque, and NEGLIGIBLE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
         residual, torque = self.squares(rows), min(torques, default=0.0)
-        needed = max(SLIGHT * residual, min((NEGLIGIBLE * torque) ** 2, MOST * residual))
+        most = MOST * residual if candidate.field == "delay" else math.inf
+        needed = max(SLIGHT * residual, min((NEGLIGIBLE * torque) ** 2, most))
         acting = np.flatnonzero(np.any(whole != 0, axis=1))
         parts = np.repeat(np.arange(len(columns)), [x.shape[1] for x in columns])
         of_rows = whole[acting], self.basis[acting], self.residual[acting]
@@ -527,7 +528,7 @@ def compared_candidates(
     trials, tested = [], [candidate for candidate in candidates if candidate.alternatives]
     if least_bic is not None:
         tested = _without_logs(equation, tested, asked, least_bic)
-        tested = [*filter(lambda x: equation.is_promising(x.alternatives), tested)]
+        tested = [*filter(equation.is_promising, tested)]
     # Those of logs are as wide as the fit: each is compared alone.
     for _, of_width in groupby(tested, lambda x: x.alternatives[0].own is None or x):
         group = [*of_width]

@@ -302,10 +302,10 @@ def _slope_of_base(side: Side) -> Array:
         bodies = side.base.least(values) + side.robot.known_parameters
         changes = [late_base(side.robot, x, joints, bodies, delay_s) for x in motions]
         column = replace(drive, motions=motions, factors=changes).at_rows(units) / delay_s
-        late = engine.Alternative(column, 1)
-        if not side.equation.is_promising([late]):
+        late = engine.linear_candidate(side.joints[0], "late", "base", partial(np.copy, column))
+        if not side.equation.is_promising(late):
             break
-        equation = side.equation.with_alternatives([late])
+        equation = side.equation.with_alternatives(late.alternatives)
         (next_s,), (error_s,) = (x.tolist() for x in equation.last(1))
         # More than a period of the cutoff is no shift of this motion.
         if abs(next_s - delay_s) < POOR * error_s or not 0 < abs(next_s) < 1 / motions[0].cutoff_hz:
