@@ -281,7 +281,7 @@ class GivenConstants:
         fits, errors, load = next(iter(estimates.values())).fits, self.errors, None
         with self.rows(estimates) as rows:
             slopes = {key: fit.slopes(rows[equation]) for key, equation, fit in fits.equations}
-            if fits.refit is not None and len(self._offsets):
+            if fits.refit is not None and any(constant.is_offset for constant in self.common):
                 load = fits.refit(rows[LOAD], self._offsets)
         k = len(errors.names)
         slopes = {key: x if key == LOAD else x[:, -k:] for key, x in slopes.items()}
@@ -290,13 +290,13 @@ class GivenConstants:
             after = np.array([offset_lever(constant.robot, joint) for constant in self.common])
             changes = (after / offset_lever(fits.robot, joint) - 1) / STEP
             levers[joint] = np.pad(changes, (0, k - len(changes)))
-        return KnownErrors(errors, slopes, levers, load, len(self._offsets))
+        return KnownErrors(errors, slopes, levers, load)
 
     @property
     def _offsets(self) -> Array:
-        """The covariance of encoder offsets, which are in the residual and are no noise."""
+        """The covariance (k, k) if only encoder offsets, which are in the residual, err."""
         first = sum(not constant.is_offset for constant in self.common)
-        return self.errors.covariance[first:, first:]
+        return self.errors.covariance * (np.arange(len(self.errors.names)) >= first)
 
     def included(self, estimates: Mapping[str, RobotEstimate]) -> Mapping[str, RobotEstimate]:
         """Return the estimates of all conditions with the errors of what was given."""

@@ -403,10 +403,7 @@ def _estimated(
 
     def refit(rows: Rows, errors: Array) -> FittedRows:
         assert isinstance(rows, Regression)
-        # The errors are those of the last columns.
-        last = rows.propagated[:, rows.propagated.shape[1] - len(errors) :]
-        rows, values = replace(rows, propagated=last), whole.values
-        return _estimated(condition, start, estimator, regress, values, rows, errors).fit
+        return _estimated(condition, start, estimator, regress, whole.values, rows, errors).fit
 
     return RobotEstimate(
         model=model,

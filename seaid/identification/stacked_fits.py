@@ -83,16 +83,14 @@ class KnownErrors:
 
     `slopes` {equation: (p, k)} are the derivatives of the values of a fit by the errors; those of
     the load side follow its derivatives by the springs. `levers` {joint: (k,)} are the relative
-    derivatives of N / r_M. `fit` is a fit of the load side whose rows propagate the last
-    `beside_noise` errors, those of encoder offsets, so that they are no noise of its residual;
-    None: there is no such fit.
+    derivatives of N / r_M. `fit` is a fit of the load side whose rows propagate the errors, so that
+    those of encoder offsets are no noise of its residual; None: there is no such fit.
     """
 
     errors: Estimate
     slopes: Mapping[str, Array] = field(default_factory=dict)
     levers: Mapping[str, Array] = field(default_factory=dict)
     fit: FittedRows | None = None
-    beside_noise: int = 0
 
     def of(self, equation: str, fit: FittedRows) -> Array:
         """Return the derivatives (p, k) of the values of the fit of an equation."""
@@ -112,7 +110,7 @@ class FitsInTurn:
     are unknown motor constants: (7) of these joints was fitted for a constant of 1. `by_sensor`
     {joint: fit of its spring (4b)} determines constants by the torque sensor behind the spring;
     `by_load`, a fit of (8), has the others among its parameters. `refit` fits (8) again from rows
-    that propagate further errors, of a covariance (k, k), next to those of the springs; None: these
+    that propagate further errors, of a covariance (k, k), behind those of the springs; None: these
     errors stay in the noise. Where both sides were fitted at once, `load` is the only fit.
     """
 
@@ -235,13 +233,11 @@ class FitsInTurn:
         drives, covariance = self._drives(known), load.estimate.covariance
         slopes = known.slopes.get(LOAD, load.sensitivity[:, : len(names)])
         # The covariance of the fit contains the errors that its rows propagate: those of the
-        # springs, and the last ones of `known.fit`. Without them it is that of the noise, to which
+        # springs, and with `known.fit` of all else. Without them it is that of the noise, to which
         # `with_further` adds all errors again by their slopes.
-        last = slopes.shape[1] - known.beside_noise * (known.fit is not None)
-        among = np.hstack([slopes[:, : len(names)], slopes[:, last:]])
-        if m := among.shape[1]:
+        if m := len(names) if known.fit is None else slopes.shape[1]:
             assert load.propagated is not None
-            covariance = covariance - among @ load.propagated[:m, :m] @ among.T
+            covariance = covariance - slopes[:, :m] @ load.propagated[:m, :m] @ slopes[:, :m].T
         alone = replace(load.estimate, covariance=covariance)
         whole = self._separated(drives.with_further(alone, [*names, *given], slopes), known)
         p = len(drives.names)

@@ -405,8 +405,8 @@ class LoadSideFit:
     def fit(self, rows: Rows, error_covariance: Array) -> FittedRows:
         """Fit (8) from rows without spring torque, with columns of identifiable torque offsets.
 
-        The last propagated columns of the rows are those of errors of the `error_covariance`
-        (k, k), those of the springs the first; what is between them is not used.
+        The propagated columns of the rows are those of the springs, then those of errors of the
+        `error_covariance` (k, k).
         """
         robot, motors = self.motors.robot, self.motors
         springs = {joint: motors.spring(joint) for joint in motors.springs}
@@ -422,23 +422,9 @@ class LoadSideFit:
             # All offsets are tried at once: a column that gravity nearly explains is dropped again.
             freed = identifiable_offsets(qr_factor_of_rows(rows, with_all), freed)
         change: RowChange = partial(with_torque_columns, robot, springs, freed)
-        if error_covariance.size:
-            count = len(motors.spring_names)
-            change = partial(_with_outer_columns, change, count, len(covariance) - count)
         propagated = covariance if covariance.size else None
         fitted = fit_inputs(rows, self.estimator, propagated, change, self.cutoff_hz)
         return drive_estimates.with_shared_parameters(robot.drives, fitted)
-
-
-def _with_outer_columns(
-    change: RowChange, springs: int, errors: int, rows: Regression
-) -> Regression:
-    """Return changed rows with the propagated columns of springs and errors only.
-
-    The `springs` are the first columns, the `errors` the last ones.
-    """
-    places = np.r_[:springs, rows.propagated.shape[1] - errors : rows.propagated.shape[1]]
-    return change(replace(rows, propagated=rows.propagated[:, places]))
 
 
 def fit_inputs(
