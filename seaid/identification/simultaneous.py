@@ -28,13 +28,12 @@ from seaid._arrays import Array, IndexArray
 from seaid.checks.tolerances import SURE
 from seaid.checks.values import noise_findings
 from seaid.drives import ParameterName, readable
-from seaid.drives.drives import groups_of
 from seaid.errors import ExcitationError, IdentificationError, listed
 from seaid.estimation import Estimate, Estimator, FittedRows, least_squares
 from seaid.estimation.fitting import Rows
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification.datasets import rows_in_memory
-from seaid.identification.drive_estimates import without_torque
+from seaid.identification.drive_estimates import with_shared_parameters, without_torque
 from seaid.identification.stacked_fits import (
     LOAD,
     TORQUE_OFFSET,
@@ -43,7 +42,7 @@ from seaid.identification.stacked_fits import (
     offset_lever,
     spring_of,
 )
-from seaid.identification.two_step import Condition, Restrictions
+from seaid.identification.two_step import Condition, Procedure, nonlinear_springs
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, load_regression
 from seaid.regressor.load import LoadModel
@@ -63,15 +62,6 @@ _HARMLESS, _PATIENCE = 1e-7, 10
 errors are too small to converge to."""
 
 _SPRING = ("stiffness", "spring_offset")
-
-
-AT_ONCE = Restrictions(
-    option='method="simultaneous"',
-    instead='method="two-step"',
-    why="without contact forces each equation has the deflections of several springs",
-    needed=frozenset({"stiffness", "spring_offset"}),
-    what="shares springs of unknown stiffness and offset",
-)
 
 
 def simultaneous_regression(
@@ -290,17 +280,14 @@ def estimate_supported(
     """
     if not start.springs:
         return start
-    reason = _obstacle(condition, start, lacking)
-    if not reason:
-        try:
-            both = estimate()
-        except (IdentificationError, ExcitationError):
-            reason = "no estimate of both sides at once was found"
-        else:
-            reason = _contradiction(start, both) or _noise(start, both)
-            if not reason:
-                return both
-    return replace(start, not_shared=reason)
+    if reason := _obstacle(condition, start, lacking):
+        return replace(start, not_shared=reason)
+    try:
+        both = estimate()
+    except (IdentificationError, ExcitationError):
+        return replace(start, not_shared="no estimate of both sides at once was found")
+    reason = _contradiction(start, both) or _noise(start, both)
+    return replace(start, not_shared=reason) if reason else both
 
 
 def _obstacle(
@@ -310,13 +297,11 @@ def _obstacle(
     robot = condition.robot
     if not robot.base_is_held:
         return "the base floats"
-    if groups := groups_of(robot.drives):
-        return f"drives share parameters ({listed(groups)})"
     if not all(isinstance(dataset, Motion) for dataset in condition.datasets):
         return "a log is read in pieces"
     if lacking:
         return f"the equations lack something ({_named(lacking)})"
-    return AT_ONCE.reason(robot, start.springs)
+    return next(AT_ONCE.limits(robot, [*start.springs]), "")
 
 
 def _named(findings: Iterable[tuple[str, str]]) -> str:
@@ -367,6 +352,18 @@ def estimate_simultaneous(
     return _estimated(condition, start, estimator, regress, values, rows, nothing)
 
 
+AT_ONCE = Procedure(
+    option='method="simultaneous"',
+    steps=(("motors (7)", "joints (8)"),),
+    by="least squares",
+    limits=partial(nonlinear_springs, {*_SPRING}),
+    only="shares springs of unknown stiffness and offset",
+    instead='use method="two-step"',
+    held="without contact forces each equation has the deflections of several springs",
+    continued=estimate_simultaneous,
+)
+
+
 def _estimated(
     condition: Condition,
     start: RobotEstimate,
@@ -381,29 +378,31 @@ def _estimated(
     `errors` (k, k) is the covariance of these.
     """
     robot, model, propagated = condition.robot, condition.model, errors if len(errors) else None
-    whole, _ = settled(robot, rows, values, estimation(estimator, propagated))
+    free, _ = settled(robot, rows, values, estimation(estimator, propagated))
     # Weights, drift and checks belong to the whitened rows at the solution: residuals of the plain
     # ones are correlated between (7) and (8).
 
     def change(rows: Regression) -> Regression:
-        return estimator.effective_rows(whitened(robot, rows, whole.values), whole)
+        return estimator.effective_rows(whitened(robot, rows, free.values), free)
 
-    solved = change(rows)
+    solved, whole = change(rows), free
     qr_factor, equal = qr_factor_of(solved), estimator.weigh is least_squares.equal_weights
-    weights = least_squares.weights_at(qr_factor, whole.values)
+    weights = least_squares.weights_at(qr_factor, free.values)
     if estimator.weigh is least_squares.settled_weights:
         solution = least_squares.solve(qr_factor, weights)
         cutoff_hz = condition.datasets[0].cutoff_hz
-        whole = least_squares.with_drifts_of(solved, weights, solution, whole, cutoff_hz)
+        whole = least_squares.with_drifts_of(solved, weights, solution, free, cutoff_hz)
+    both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
+    both = with_shared_parameters(robot.drives, both)
+    whole = both.estimate
     of_joints = whole.by_owner()
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
-    both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
     of_drives = [name for name in whole.names if name not in model.expressions]
     optional = [name for name in of_drives if name.quantity not in _SPRING]
 
     def refit(rows: Rows, errors: Array) -> FittedRows:
         assert isinstance(rows, Regression)
-        return _estimated(condition, start, estimator, regress, whole.values, rows, errors).fit
+        return _estimated(condition, start, estimator, regress, free.values, rows, errors).fit
 
     return RobotEstimate(
         model=model,
