@@ -24,7 +24,7 @@ from functools import partial
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray
+from seaid._arrays import Array, IndexArray, safely
 from seaid.checks.tolerances import SURE
 from seaid.checks.values import noise_findings
 from seaid.drives import ParameterName, readable
@@ -58,8 +58,8 @@ _ROUNDING = 1e-11
 """Part of the torque below which a change is negligible too, for logs without noise."""
 
 _HARMLESS, _PATIENCE = 1e-7, 10
-"""The same after so many iterations, from which steps are extrapolated too: without noise standard
-errors are too small to converge to."""
+"""The same after so many iterations, from which half as many accelerate one: without noise
+standard errors are too small to converge to."""
 
 _SPRING = ("stiffness", "spring_offset")
 
@@ -234,9 +234,10 @@ def settled(
 
     `estimate` is that of `estimation`. Iterated until no parameter changes by more than a small
     part of its standard error; also returns the number of iterations. A slow iteration, as of
-    weights that hardly matter, is extrapolated. Raises IdentificationError if it does not converge.
+    weights that hardly matter, is accelerated (Anderson 1965). Raises IdentificationError if it
+    does not converge.
     """
-    theta, last = np.array(start, dtype=float), list[Array]()
+    theta, last = np.array(start, dtype=float), list[tuple[Array, Array]]()
     stiffness = [column for column, *_ in _springs(robot, rows)]
     if np.any(theta[stiffness] == 0):
         raise IdentificationError("the start has a stiffness of zero, which predicts no deflection")
@@ -249,13 +250,13 @@ def settled(
         exact = seen <= negligible * np.linalg.norm(rows.H @ new.values)
         if exact or np.all(moved <= SETTLED * new.standard_errors):
             return new, iteration
-        before, theta = theta[stiffness], new.values.copy()
+        before, after = theta, new.values.copy()
         # step in 1/k, in which the prediction is linear: 1/k_new = (2 - k/k_old) / k_old
-        theta[stiffness] = before / (2 - theta[stiffness] / before)
-        last = [*last[-2:], theta]
-        if iteration >= _PATIENCE and iteration % 3 == 0:
+        after[stiffness] = before[stiffness] / (2 - after[stiffness] / before[stiffness])
+        theta, last = after, [*last[-_PATIENCE // 2 :], (after, after - before)]
+        if iteration >= _PATIENCE:
             scale = np.where(new.standard_errors > 0, new.standard_errors, 1.0)
-            theta = least_squares.extrapolated(np.array(last) / scale) * scale
+            theta = _accelerated(np.array(last) / scale) * scale
     worst = int(np.argmax(moved / new.standard_errors))
     raise IdentificationError(
         f"both sides at once did not converge in {MOST_ITERATIONS} iterations: "
@@ -263,6 +264,17 @@ def settled(
         'joint more, or use method="two-step"',
         'method="two-step"',
     )
+
+
+def _accelerated(last: Array) -> Array:
+    """Return where iterations (m, 2, p) lead that came to points by steps, in comparable units.
+
+    It is that combination of the points, of which a combination of the steps is least.
+    """
+    changes = np.diff(last, axis=0)
+    system = changes[:, 1].T, last[-1, 1], _ROUNDING
+    mixture = safely(np.linalg.lstsq, *system, what="the steps of both sides at once")[0]
+    return np.asarray(last[-1, 0] - mixture @ changes[:, 0])
 
 
 def estimate_supported(
