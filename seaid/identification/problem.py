@@ -247,10 +247,7 @@ class Problem:
     @cached_property
     def with_errors_of_constants(self) -> Mapping[str, RobotEstimate]:
         """The estimates, with the errors of what was given as known."""
-        of_drives = constants_of_conditions(self.cases, self.options.known_std)
-        constants = {name: [*x, *self.offsets.constants[name]] for name, x in of_drives.items()}
-        if not any(of_drives.values()):
-            return self.estimates
+        constants = constants_of_conditions(self.cases, self.options.known_std)
         return replace(self.offsets, constants=constants).included(self.estimates)
 
     @cached_property

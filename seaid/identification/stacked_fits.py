@@ -83,14 +83,28 @@ class KnownErrors:
 
     `slopes` {equation: (p, k)} are the derivatives of the values of a fit by the errors; those of
     the load side follow its derivatives by the springs. `levers` {joint: (k,)} are the relative
-    derivatives of N / r_M. `fit` is a fit of the load side whose rows propagate the errors, so that
-    those of encoder offsets are no noise of its residual; None: there is no such fit.
+    derivatives of N / r_M. `fit` is a fit of the load side whose rows propagate the first
+    `beside_noise` errors, those of encoder offsets, so that they are no noise of its residual;
+    None: there is no such fit.
     """
 
     errors: Estimate
     slopes: Mapping[str, Array] = field(default_factory=dict)
     levers: Mapping[str, Array] = field(default_factory=dict)
     fit: FittedRows | None = None
+    beside_noise: int = 0
+
+    def with_further(self, further: KnownErrors) -> KnownErrors:
+        """Return these errors, and behind them those of what else was given, without a fit."""
+        if not self.slopes:
+            return further
+        k = len(further.errors.names)
+        return replace(
+            self,
+            errors=Estimate.joined([self.errors, further.errors]),
+            slopes={x: np.hstack([y, further.slopes[x][:, -k:]]) for x, y in self.slopes.items()},
+            levers={x: np.append(y, further.levers[x]) for x, y in self.levers.items()},
+        )
 
     def of(self, equation: str, fit: FittedRows) -> Array:
         """Return the derivatives (p, k) of the values of the fit of an equation."""
@@ -233,9 +247,9 @@ class FitsInTurn:
         drives, covariance = self._drives(known), load.estimate.covariance
         slopes = known.slopes.get(LOAD, load.sensitivity[:, : len(names)])
         # The covariance of the fit contains the errors that its rows propagate: those of the
-        # springs, and with `known.fit` of all else. Without them it is that of the noise, to which
+        # springs, and with `known.fit` of encoders. Without them it is that of the noise, to which
         # `with_further` adds all errors again by their slopes.
-        if m := len(names) if known.fit is None else slopes.shape[1]:
+        if m := len(names) + known.beside_noise:
             assert load.propagated is not None
             covariance = covariance - slopes[:, :m] @ load.propagated[:m, :m] @ slopes[:, :m].T
         alone = replace(load.estimate, covariance=covariance)
@@ -343,8 +357,9 @@ class RobotEstimate:
     `springs` {joint: parameters} are the springs whose torque is that on the load. `excluded` rows
     and `checks` are by joint, and "load" for the load side. `fits` are those of both sides in turn,
     `fit` is that of (8). Where both sides were estimated at once, `fit` has both and `whole` is its
-    estimate; `regress` returns its rows. `not_shared` is the reason why the data do not support an
-    estimate of both sides at once, "" without one. `findings` are about the way to the estimates.
+    estimate; `regress` returns its rows. `known` are the errors of what was given that it has.
+    `not_shared` is the reason why the data do not support an estimate of both sides at once, ""
+    without one. `findings` are about the way to the estimates.
     """
 
     model: LoadModel
@@ -358,6 +373,7 @@ class RobotEstimate:
     whole: Estimate | None = None
     findings: tuple[Finding, ...] = ()
     not_shared: str = ""
+    known: KnownErrors = EXACT
     regress: Callable[[Robot, Motion], Regression] | None = None
 
     @cached_property
@@ -394,7 +410,7 @@ class RobotEstimate:
         drives, side = self.fits.of_condition(condition, names, known)
         whole = None if self.whole is None else side
         load_side = side.of_names(self.load_side.names)
-        return replace(self, drives=drives, load_side=load_side, whole=whole)
+        return replace(self, drives=drives, load_side=load_side, whole=whole, known=known)
 
 
 LEAST_SHARE = 0.02

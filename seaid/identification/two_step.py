@@ -159,6 +159,7 @@ class TwoStepFits:
             checks=_checks(self.actuators, name) | {"load": self.load.checks(optional)},
             fit=self.load,
             fits=self.fits,
+            known=self.known_errors,
         )
 
     def _excluded(self, equation: str, condition: str, fit: FittedRows) -> int:
