@@ -105,6 +105,7 @@ SHORT_FORMS = {
     "benchmarks/feasible.py": ("--quick", "--programs 5 --output OUT"),
     "benchmarks/frequency.py": ("--quick --draws 1 --leg 1",),
     "benchmarks/frequency_coverage.py": ("--quick --draws 1",),
+    "benchmarks/halves.py": ("--quick", "--quick --json"),
     "benchmarks/humanoid_time.py": ("1",),
     "benchmarks/hysteresis.py": (
         "--quick --draws 1 --motions 1",

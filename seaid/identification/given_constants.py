@@ -238,7 +238,7 @@ class GivenConstants:
     """What was given as known of the robots of all conditions, with standard deviations.
 
     `constants` {condition: its constants} have one error in all conditions, as the drives are the
-    same ones; encoders, which come last, are zeroed anew in each.
+    same ones; or they are encoder offsets, which are zeroed anew in each.
     """
 
     conditions: Mapping[str, two_step.Condition]
@@ -281,8 +281,8 @@ class GivenConstants:
         fits, errors, load = next(iter(estimates.values())).fits, self.errors, None
         with self.rows(estimates) as rows:
             slopes = {key: fit.slopes(rows[equation]) for key, equation, fit in fits.equations}
-            if fits.refit is not None and len(self._offsets):
-                load = fits.refit(rows[LOAD], self._offsets)
+            if fits.refit is not None and self.common[0].is_offset:
+                load = fits.refit(rows[LOAD], errors.covariance)
         k = len(errors.names)
         slopes = {key: x if key == LOAD else x[:, -k:] for key, x in slopes.items()}
         levers = {}  # relative derivatives of N/r_M by each error: those of encoders change nothing
@@ -290,20 +290,14 @@ class GivenConstants:
             after = np.array([offset_lever(constant.robot, joint) for constant in self.common])
             changes = (after / offset_lever(fits.robot, joint) - 1) / STEP
             levers[joint] = np.pad(changes, (0, k - len(changes)))
-        return KnownErrors(errors, slopes, levers, load, len(self._offsets))
-
-    @property
-    def _offsets(self) -> Array:
-        """The covariance of encoder offsets, which are in the residual and are no noise."""
-        first = sum(not constant.is_offset for constant in self.common)
-        return self.errors.covariance[first:, first:]
+        return KnownErrors(errors, slopes, levers, load, 0 if load is None else k)
 
     def included(self, estimates: Mapping[str, RobotEstimate]) -> Mapping[str, RobotEstimate]:
-        """Return the estimates of all conditions with the errors of what was given."""
+        """Return the estimates of all conditions with these errors after those that they have."""
         if not self.common:
             return estimates
-        known_errors = self.known_errors(estimates)
-        wide = {name: x.with_errors(known_errors, name) for name, x in estimates.items()}
+        known = next(iter(estimates.values())).known.with_further(self.known_errors(estimates))
+        wide = {name: x.with_errors(known, name) for name, x in estimates.items()}
         scales = [shared_scale(x.std) for x in self.common if x.name == "torque"]
         return {name: replace(x, findings=(*x.findings, *scales)) for name, x in wide.items()}
 
@@ -387,18 +381,16 @@ def _load_rows(
     see `with_torque_columns`.
     """
     robot, model, theta = condition.robot, condition.model, sides.load_side.values
-    in_drives = [constant for constant in constants if not constant.is_offset]
+    zero = without_torque(robot, sides.springs)
+    if constants[0].is_offset:
+        # An offset turns gravity, and so the columns of the bodies.
+        regress = partial(load_regression, model=model, springs=sides.springs)
+        offsets = _with_constants(robot, constants, sides.load_side.by_name, regress, motion)
+        rows = load_regression(robot, motion, model, zero)
+        return replace(rows, propagated=np.hstack([rows.propagated, offsets.propagated]))
 
     def changes(piece: Motion) -> Array:
-        changed = [(constant.robot, constant.changed(piece)) for constant in in_drives]
+        changed = [(constant.robot, constant.changed(piece)) for constant in constants]
         return torque_changes(robot, piece, model, sides.springs, theta, changed) / STEP
 
-    zero, further = without_torque(robot, sides.springs), changes if in_drives else None
-    rows = load_regression(robot, motion, model, zero, further)
-    # An offset turns gravity, and so the columns of the bodies.
-    turning = [constant for constant in constants if constant.is_offset]
-    if not turning:
-        return rows
-    regress = partial(load_regression, model=model, springs=sides.springs)
-    offsets = _with_constants(robot, turning, sides.load_side.by_name, regress, motion)
-    return replace(rows, propagated=np.hstack([rows.propagated, offsets.propagated]))
+    return load_regression(robot, motion, model, zero, changes)

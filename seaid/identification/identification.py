@@ -171,9 +171,9 @@ def _identify_from_motors(
     fractions = _CUTOFF_FRACTIONS if options.cutoff_hz is None else (1.0,)
     findings = log_findings(robot, logs, robot.selected(options.torque_joints))
     with explained(lambda: findings):  # an error raised inside gets these findings as its cause
-        output_error.check_refinable(robot, joints)
-        if options.restrictions is not None:
-            raise options.restrictions.unseen_error(joints)
+        output_error.WITHOUT_ENCODERS.check(robot, joints)
+        if options.method != "auto" or options.estimator == "iv":
+            options.procedure.check_seen(joints)
         proposed_hz = cutoff_of(robot, logs, joints, options.cutoff_hz)
         attempt = partial(_result_below, robot, logs, joints)
         cutoffs = (replace(steps, cutoff_hz=part * proposed_hz) for part in fractions)

@@ -31,7 +31,14 @@ from seaid.estimation import Estimator
 from seaid.estimation.instrumental_variables import instrumental, projected_columns
 from seaid.identification.drive_estimates import without_torque
 from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
-from seaid.identification.two_step import ONLY, Condition, Restrictions, estimate_two_step
+from seaid.identification.two_step import (
+    IN_TURN,
+    ONLY,
+    Condition,
+    Procedure,
+    estimate_two_step,
+    nonlinear_springs,
+)
 from seaid.log import Motion, in_band, low_pass
 from seaid.log.filtering import spline_derivatives
 from seaid.regressor import Regression, actuator_regression, load_regression
@@ -43,15 +50,6 @@ REFERENCE_BAND = 0.5
 """Cutoff of the reference motion over that of the identification: three times the bandwidth."""
 
 _PREFIX = "instrument of "
-
-
-BY_INSTRUMENTS = Restrictions(
-    option='estimator="iv"',
-    instead='estimator="wls"',
-    why="its instruments are a simulation, and seaid does not simulate contacts",
-    needed=frozenset(),
-    what="supports springs of one stiffness",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +186,17 @@ def estimate_instrumental(condition: Condition, start: RobotEstimate) -> RobotEs
         "estimator='wls'",
     )
 
+
+BY_INSTRUMENTS = Procedure(
+    option='estimator="iv"',
+    steps=IN_TURN.steps,
+    by="instruments",
+    limits=partial(nonlinear_springs, set[str]()),
+    only="supports springs of one stiffness",
+    instead='use estimator="wls"',
+    held="its instruments are a simulation, and seaid does not simulate contacts",
+    continued=lambda condition, start, _: estimate_instrumental(condition, start),
+)
 
 _BY_ROWS = Estimator(
     lambda rows, propagated: instrumental(*split_instruments(rows), propagated),

@@ -8,9 +8,10 @@ identification to those of the largest likelihood, which are kept unless they pr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from seaid._arrays import Array, IndexArray
 from seaid.checks.predictions import nothing_to_simulate, worse_than_start
 from seaid.drives import Drive, readable
-from seaid.errors import ExcitationError, Finding, IdentificationError, SeaidError, checked
+from seaid.errors import ExcitationError, Finding, IdentificationError, SeaidError, checked, listed
 from seaid.estimation import Parameter
 from seaid.estimation.nonlinear_least_squares import (
     Point,
@@ -42,7 +43,7 @@ from seaid.identification.refined_parameters import (
     identification_at,
     layout_of,
 )
-from seaid.identification.two_step import LINEAR_SPRING, kind_of_spring
+from seaid.identification.two_step import Procedure, nonlinear_springs
 from seaid.identification.unseen_springs import (
     joints_sensed_by_motor_only,
     with_angles,
@@ -56,9 +57,8 @@ from seaid.log.motion import SHORTEST_STRETCH, reconstruct_motions
 from seaid.log.usable_parts import stretches, usable
 from seaid.regressor import Regression, actuator_regression, load_regression, motor_regressor
 from seaid.regressor.load import check_offset_std, offset_sensitivity
-from seaid.regressor.regression import Regress, spring_regressor
+from seaid.regressor.regression import Regress
 from seaid.robot import Robot, coupled_names
-from seaid.robot.robot import check_held
 from seaid.robot.transmission import group_of
 
 if TYPE_CHECKING:
@@ -145,9 +145,6 @@ def refine(
     logs = [logs] if isinstance(logs, Log) else list(logs)
     if not logs:
         raise IdentificationError("refine needs a log, found none")
-    check_held(
-        identification.robot, "refine", IdentificationError, why="seaid does not simulate contacts"
-    )
     check_offset_std(encoder_offset_std)
     _check_start(identification, joints_sensed_by_motor_only(identification.known, logs))
     if identification.known.has_controllers:
@@ -155,16 +152,9 @@ def refine(
     return refined_by_motors(identification, logs, encoder_offset_std, iterations, progress)
 
 
-def _check_start(start: Identification, unseen: Sequence[str] = ()) -> None:
-    coupled = coupled_names(start.known.joint_names, start.known.transmission)
-    if coupled:
-        raise IdentificationError(
-            f"the drives of {', '.join(coupled)} move several joints, which the refinement cannot "
-            "simulate; use the result of identify, or its estimator='iv' or method='simultaneous'",
-            "estimator='iv'",
-            "method='simultaneous'",
-        )
-    check_refinable(start.known, unseen)
+def _check_start(start: Identification, unseen: Sequence[str]) -> None:
+    by_motors = WITHOUT_ENCODERS if unseen else BY_MOTORS
+    (UNDER_COMMANDS if start.known.has_controllers else by_motors).check(start.known, unseen)
     if start.gears:
         raise IdentificationError(
             f"the deflection of {', '.join(start.gears)} was measured, and the refinement knows "
@@ -571,19 +561,19 @@ def _with_tests(layout: Layout, point: LogPoint) -> tuple[Layout, LogPoint]:
 # What is refused
 
 
-def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
-    """Raise IdentificationError for terms of drives that `refine` does not simulate.
+def _drives_not_simulated(robot: Robot, unseen: Collection[str]) -> Iterator[str]:
+    """Yield which drives a refinement does not simulate, and why.
 
-    The joints `unseen` have no sensor behind their springs, which have to be linear then.
+    The joints `unseen` have no sensor behind their springs, which have to be linear then, and only
+    their own drives have to move one joint.
     """
+    coupled = coupled_names(robot.joint_names, robot.transmission)
+    if coupled and not unseen:
+        yield f"the drives of {listed(coupled)} move several joints"
     for joint, drive in robot.drives.items():
-        of_terms = [*_of_terms(drive), *_of_unseen(robot, joint, drive, unseen)]
-        reasons = [*_refusals(robot, joint, drive), *of_terms]
-        if reasons:
-            instead = "log the joint position" if unseen else "use the result of identify"
-            raise IdentificationError(
-                f"the refinement cannot simulate the drive of {joint}, {reasons[0]}; {instead}"
-            )
+        reasons = _refusals(robot, joint, drive), _of_terms(drive)
+        for reason in chain(*reasons, _of_unseen(robot, joint, drive, unseen)):
+            yield f"the drive of {joint}, {reason}"
 
 
 def _refusals(robot: Robot, joint: str, drive: Drive) -> Iterator[str]:
@@ -617,9 +607,24 @@ def _of_unseen(robot: Robot, joint: str, drive: Drive, unseen: Iterable[str]) ->
         yield "which has a parallel spring or joint friction, or angle_ratio, and no sensor behind"
     if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
         yield "whose equation is not linear in its parameters, without a sensor behind its spring"
-    if (
-        not {"stiffness", "spring_offset"}
-        <= {*spring_regressor(robot, joint).names}
-        <= LINEAR_SPRING
-    ):
-        yield f"whose spring {kind_of_spring(robot, joint)} and no sensor behind it"
+    for reason in nonlinear_springs({"stiffness", "spring_offset"}, robot, [joint]):
+        yield f"without a sensor behind its spring: {reason}"
+
+
+BY_MOTORS = Procedure(
+    option="refine",
+    steps=(("simulated positions", "motors (7)", "joints (8)"),),
+    by="output error",
+    limits=_drives_not_simulated,
+    only="cannot simulate every drive",
+    instead="use the result of identify",
+    held="seaid does not simulate contacts",
+)
+
+UNDER_COMMANDS = replace(BY_MOTORS, steps=(("simulated positions",),))
+
+WITHOUT_ENCODERS = replace(
+    BY_MOTORS,
+    option="the refinement without joint encoders",
+    instead="log the joint position",
+)

@@ -42,15 +42,16 @@ from seaid.identification.given_constants import (
     constants_of_conditions,
     encoder_offsets,
 )
-from seaid.identification.instrumental import BY_INSTRUMENTS, estimate_instrumental
+from seaid.identification.instrumental import BY_INSTRUMENTS
 from seaid.identification.model_selection import MOST_ROUNDS, with_default_terms
 from seaid.identification.nonlinear_terms import linearised_robot
-from seaid.identification.simultaneous import AT_ONCE, estimate_simultaneous, estimate_supported
+from seaid.identification.simultaneous import AT_ONCE, estimate_supported
 from seaid.identification.stacked_fits import RobotEstimate, SensorErrors
 from seaid.identification.two_step import (
+    IN_TURN,
     NOTHING_SPECIFIC,
     Condition,
-    Restrictions,
+    Procedure,
     SpecificParameters,
     TwoStepFits,
     check_forces,
@@ -94,22 +95,17 @@ class Options:
         check_known_std(self.known_std)
 
     @property
-    def restrictions(self) -> Restrictions | None:
-        """What a method that goes on from linear two steps refuses, if it is asked for."""
+    def procedure(self) -> Procedure:
+        """What gives the estimate, with the method "auto" if the data support it."""
         if self.estimator == "iv":
             return BY_INSTRUMENTS
-        return AT_ONCE if self.method == "simultaneous" else None
+        return IN_TURN if self.method == "two-step" else AT_ONCE
 
     def check_robots(self, robots: Collection[Robot]) -> None:
-        """Raise an error for drives that cannot share, and for deviations of what no robot has.
-
-        A method that was chosen may not share either.
-        """
+        """Raise an error for drives that cannot share, and for deviations of what no robot has."""
         for robot in robots:
             check_groups(robot.drives, robot.name, is_whole=False)
             check_buses(robot.drives)
-            if self.restrictions is not None:
-                self.restrictions.check_alone(robot)
         check_in_use(robots, self.known_std)
 
     @property
@@ -232,33 +228,26 @@ class Problem:
     @cached_property
     def estimates(self) -> Mapping[str, RobotEstimate]:
         """The estimates by the method of the options, which continues from two steps."""
-        if self.only is None:
+        procedure, is_auto = self.options.procedure, self.options.method == "auto"
+        if (go_on := procedure.continued) is None:
             return self.two_step
-        ((name, start),), options, case = self.two_step.items(), self.options, self.only
+        ((name, case),), (start,) = self.cases.items(), self.two_step.values()
 
-        def at_once() -> RobotEstimate:
-            both = estimate_simultaneous(case, start, options.linear_estimator)
-            return self.offsets.included({name: both})[name]
+        def estimate() -> RobotEstimate:
+            later = go_on(case, start, self.options.linear_estimator)
+            return self.offsets.included({name: later})[name]
 
-        if options.estimator == "iv":
-            instrumental = self.offsets.included({name: estimate_instrumental(case, start)})[name]
-            reason = "instruments are of the equations in turn" if options.method == "auto" else ""
-            return {name: replace(instrumental, not_shared=reason)}
-        if options.method == "simultaneous":
-            return {name: at_once()}
-        if options.method == "two-step":
-            return self.two_step
+        if procedure.steps == IN_TURN.steps or not is_auto:
+            reason = f"{procedure.by} are of the equations in turn" if is_auto else ""
+            return {name: replace(estimate(), not_shared=reason)}
         doubtful = [key for side in self.lacking for key in side.doubtful]
         lacking = sorted({(check.code.name, joint) for check, joint in doubtful})
-        return {name: estimate_supported(case, start, lacking, at_once)}
+        return {name: estimate_supported(case, start, lacking, estimate)}
 
     @cached_property
     def with_errors_of_constants(self) -> Mapping[str, RobotEstimate]:
         """The estimates, with the errors of what was given as known."""
-        of_drives = constants_of_conditions(self.cases, self.options.known_std)
-        constants = {name: [*x, *self.offsets.constants[name]] for name, x in of_drives.items()}
-        if not any(of_drives.values()):
-            return self.estimates
+        constants = constants_of_conditions(self.cases, self.options.known_std)
         return replace(self.offsets, constants=constants).included(self.estimates)
 
     @cached_property

@@ -24,17 +24,16 @@ from functools import partial
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray
+from seaid._arrays import Array, IndexArray, safely
 from seaid.checks.tolerances import SURE
 from seaid.checks.values import noise_findings
 from seaid.drives import ParameterName, readable
-from seaid.drives.drives import groups_of
 from seaid.errors import ExcitationError, IdentificationError, listed
 from seaid.estimation import Estimate, Estimator, FittedRows, least_squares
 from seaid.estimation.fitting import Rows
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification.datasets import rows_in_memory
-from seaid.identification.drive_estimates import without_torque
+from seaid.identification.drive_estimates import with_shared_parameters, without_torque
 from seaid.identification.stacked_fits import (
     LOAD,
     TORQUE_OFFSET,
@@ -43,7 +42,7 @@ from seaid.identification.stacked_fits import (
     offset_lever,
     spring_of,
 )
-from seaid.identification.two_step import Condition, Restrictions
+from seaid.identification.two_step import Condition, Procedure, nonlinear_springs
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, load_regression
 from seaid.regressor.load import LoadModel
@@ -59,19 +58,10 @@ _ROUNDING = 1e-11
 """Part of the torque below which a change is negligible too, for logs without noise."""
 
 _HARMLESS, _PATIENCE = 1e-7, 10
-"""The same after so many iterations, from which steps are extrapolated too: without noise standard
-errors are too small to converge to."""
+"""The same after so many iterations, from which half as many accelerate one: without noise
+standard errors are too small to converge to."""
 
 _SPRING = ("stiffness", "spring_offset")
-
-
-AT_ONCE = Restrictions(
-    option='method="simultaneous"',
-    instead='method="two-step"',
-    why="without contact forces each equation has the deflections of several springs",
-    needed=frozenset({"stiffness", "spring_offset"}),
-    what="shares springs of unknown stiffness and offset",
-)
 
 
 def simultaneous_regression(
@@ -244,9 +234,10 @@ def settled(
 
     `estimate` is that of `estimation`. Iterated until no parameter changes by more than a small
     part of its standard error; also returns the number of iterations. A slow iteration, as of
-    weights that hardly matter, is extrapolated. Raises IdentificationError if it does not converge.
+    weights that hardly matter, is accelerated (Anderson 1965). Raises IdentificationError if it
+    does not converge.
     """
-    theta, last = np.array(start, dtype=float), list[Array]()
+    theta, last = np.array(start, dtype=float), list[tuple[Array, Array]]()
     stiffness = [column for column, *_ in _springs(robot, rows)]
     if np.any(theta[stiffness] == 0):
         raise IdentificationError("the start has a stiffness of zero, which predicts no deflection")
@@ -259,13 +250,13 @@ def settled(
         exact = seen <= negligible * np.linalg.norm(rows.H @ new.values)
         if exact or np.all(moved <= SETTLED * new.standard_errors):
             return new, iteration
-        before, theta = theta[stiffness], new.values.copy()
+        before, after = theta, new.values.copy()
         # step in 1/k, in which the prediction is linear: 1/k_new = (2 - k/k_old) / k_old
-        theta[stiffness] = before / (2 - theta[stiffness] / before)
-        last = [*last[-2:], theta]
-        if iteration >= _PATIENCE and iteration % 3 == 0:
+        after[stiffness] = before[stiffness] / (2 - after[stiffness] / before[stiffness])
+        theta, last = after, [*last[-_PATIENCE // 2 :], (after, after - before)]
+        if iteration >= _PATIENCE:
             scale = np.where(new.standard_errors > 0, new.standard_errors, 1.0)
-            theta = least_squares.extrapolated(np.array(last) / scale) * scale
+            theta = _accelerated(np.array(last) / scale) * scale
     worst = int(np.argmax(moved / new.standard_errors))
     raise IdentificationError(
         f"both sides at once did not converge in {MOST_ITERATIONS} iterations: "
@@ -273,6 +264,17 @@ def settled(
         'joint more, or use method="two-step"',
         'method="two-step"',
     )
+
+
+def _accelerated(last: Array) -> Array:
+    """Return where iterations (m, 2, p) lead that came to points by steps, in comparable units.
+
+    It is that combination of the points, of which a combination of the steps is least.
+    """
+    changes = np.diff(last, axis=0)
+    system = changes[:, 1].T, last[-1, 1], _ROUNDING
+    mixture = safely(np.linalg.lstsq, *system, what="the steps of both sides at once")[0]
+    return np.asarray(last[-1, 0] - mixture @ changes[:, 0])
 
 
 def estimate_supported(
@@ -290,17 +292,14 @@ def estimate_supported(
     """
     if not start.springs:
         return start
-    reason = _obstacle(condition, start, lacking)
-    if not reason:
-        try:
-            both = estimate()
-        except (IdentificationError, ExcitationError):
-            reason = "no estimate of both sides at once was found"
-        else:
-            reason = _contradiction(start, both) or _noise(start, both)
-            if not reason:
-                return both
-    return replace(start, not_shared=reason)
+    if reason := _obstacle(condition, start, lacking):
+        return replace(start, not_shared=reason)
+    try:
+        both = estimate()
+    except (IdentificationError, ExcitationError):
+        return replace(start, not_shared="no estimate of both sides at once was found")
+    reason = _contradiction(start, both) or _noise(start, both)
+    return replace(start, not_shared=reason) if reason else both
 
 
 def _obstacle(
@@ -310,13 +309,11 @@ def _obstacle(
     robot = condition.robot
     if not robot.base_is_held:
         return "the base floats"
-    if groups := groups_of(robot.drives):
-        return f"drives share parameters ({listed(groups)})"
     if not all(isinstance(dataset, Motion) for dataset in condition.datasets):
         return "a log is read in pieces"
     if lacking:
         return f"the equations lack something ({_named(lacking)})"
-    return AT_ONCE.reason(robot, start.springs)
+    return next(AT_ONCE.limits(robot, [*start.springs]), "")
 
 
 def _named(findings: Iterable[tuple[str, str]]) -> str:
@@ -367,6 +364,18 @@ def estimate_simultaneous(
     return _estimated(condition, start, estimator, regress, values, rows, nothing)
 
 
+AT_ONCE = Procedure(
+    option='method="simultaneous"',
+    steps=(("motors (7)", "joints (8)"),),
+    by="least squares",
+    limits=partial(nonlinear_springs, {*_SPRING}),
+    only="shares springs of unknown stiffness and offset",
+    instead='use method="two-step"',
+    held="without contact forces each equation has the deflections of several springs",
+    continued=estimate_simultaneous,
+)
+
+
 def _estimated(
     condition: Condition,
     start: RobotEstimate,
@@ -381,32 +390,31 @@ def _estimated(
     `errors` (k, k) is the covariance of these.
     """
     robot, model, propagated = condition.robot, condition.model, errors if len(errors) else None
-    whole, _ = settled(robot, rows, values, estimation(estimator, propagated))
+    free, _ = settled(robot, rows, values, estimation(estimator, propagated))
     # Weights, drift and checks belong to the whitened rows at the solution: residuals of the plain
     # ones are correlated between (7) and (8).
 
     def change(rows: Regression) -> Regression:
-        return estimator.effective_rows(whitened(robot, rows, whole.values), whole)
+        return estimator.effective_rows(whitened(robot, rows, free.values), free)
 
-    solved = change(rows)
+    solved, whole = change(rows), free
     qr_factor, equal = qr_factor_of(solved), estimator.weigh is least_squares.equal_weights
-    weights = least_squares.weights_at(qr_factor, whole.values)
+    weights = least_squares.weights_at(qr_factor, free.values)
     if estimator.weigh is least_squares.settled_weights:
         solution = least_squares.solve(qr_factor, weights)
         cutoff_hz = condition.datasets[0].cutoff_hz
-        whole = least_squares.with_drifts_of(solved, weights, solution, whole, cutoff_hz)
+        whole = least_squares.with_drifts_of(solved, weights, solution, free, cutoff_hz)
+    both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
+    both = with_shared_parameters(robot.drives, both)
+    whole = both.estimate
     of_joints = whole.by_owner()
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
-    both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
     of_drives = [name for name in whole.names if name not in model.expressions]
     optional = [name for name in of_drives if name.quantity not in _SPRING]
 
     def refit(rows: Rows, errors: Array) -> FittedRows:
         assert isinstance(rows, Regression)
-        # The errors are those of the last columns.
-        last = rows.propagated[:, rows.propagated.shape[1] - len(errors) :]
-        rows, values = replace(rows, propagated=last), whole.values
-        return _estimated(condition, start, estimator, regress, values, rows, errors).fit
+        return _estimated(condition, start, estimator, regress, free.values, rows, errors).fit
 
     return RobotEstimate(
         model=model,

@@ -83,7 +83,7 @@ class KnownErrors:
 
     `slopes` {equation: (p, k)} are the derivatives of the values of a fit by the errors; those of
     the load side follow its derivatives by the springs. `levers` {joint: (k,)} are the relative
-    derivatives of N / r_M. `fit` is a fit of the load side whose rows propagate the last
+    derivatives of N / r_M. `fit` is a fit of the load side whose rows propagate the first
     `beside_noise` errors, those of encoder offsets, so that they are no noise of its residual;
     None: there is no such fit.
     """
@@ -93,6 +93,18 @@ class KnownErrors:
     levers: Mapping[str, Array] = field(default_factory=dict)
     fit: FittedRows | None = None
     beside_noise: int = 0
+
+    def with_further(self, further: KnownErrors) -> KnownErrors:
+        """Return these errors, and behind them those of what else was given, without a fit."""
+        if not self.slopes:
+            return further
+        k = len(further.errors.names)
+        return replace(
+            self,
+            errors=Estimate.joined([self.errors, further.errors]),
+            slopes={x: np.hstack([y, further.slopes[x][:, -k:]]) for x, y in self.slopes.items()},
+            levers={x: np.append(y, further.levers[x]) for x, y in self.levers.items()},
+        )
 
     def of(self, equation: str, fit: FittedRows) -> Array:
         """Return the derivatives (p, k) of the values of the fit of an equation."""
@@ -112,7 +124,7 @@ class FitsInTurn:
     are unknown motor constants: (7) of these joints was fitted for a constant of 1. `by_sensor`
     {joint: fit of its spring (4b)} determines constants by the torque sensor behind the spring;
     `by_load`, a fit of (8), has the others among its parameters. `refit` fits (8) again from rows
-    that propagate further errors, of a covariance (k, k), next to those of the springs; None: these
+    that propagate further errors, of a covariance (k, k), behind those of the springs; None: these
     errors stay in the noise. Where both sides were fitted at once, `load` is the only fit.
     """
 
@@ -235,13 +247,11 @@ class FitsInTurn:
         drives, covariance = self._drives(known), load.estimate.covariance
         slopes = known.slopes.get(LOAD, load.sensitivity[:, : len(names)])
         # The covariance of the fit contains the errors that its rows propagate: those of the
-        # springs, and the last ones of `known.fit`. Without them it is that of the noise, to which
+        # springs, and with `known.fit` of encoders. Without them it is that of the noise, to which
         # `with_further` adds all errors again by their slopes.
-        last = slopes.shape[1] - known.beside_noise * (known.fit is not None)
-        among = np.hstack([slopes[:, : len(names)], slopes[:, last:]])
-        if m := among.shape[1]:
+        if m := len(names) + known.beside_noise:
             assert load.propagated is not None
-            covariance = covariance - among @ load.propagated[:m, :m] @ among.T
+            covariance = covariance - slopes[:, :m] @ load.propagated[:m, :m] @ slopes[:, :m].T
         alone = replace(load.estimate, covariance=covariance)
         whole = self._separated(drives.with_further(alone, [*names, *given], slopes), known)
         p = len(drives.names)
@@ -347,8 +357,9 @@ class RobotEstimate:
     `springs` {joint: parameters} are the springs whose torque is that on the load. `excluded` rows
     and `checks` are by joint, and "load" for the load side. `fits` are those of both sides in turn,
     `fit` is that of (8). Where both sides were estimated at once, `fit` has both and `whole` is its
-    estimate; `regress` returns its rows. `not_shared` is the reason why the data do not support an
-    estimate of both sides at once, "" without one. `findings` are about the way to the estimates.
+    estimate; `regress` returns its rows. `known` are the errors of what was given that it has.
+    `not_shared` is the reason why the data do not support an estimate of both sides at once, ""
+    without one. `findings` are about the way to the estimates.
     """
 
     model: LoadModel
@@ -362,6 +373,7 @@ class RobotEstimate:
     whole: Estimate | None = None
     findings: tuple[Finding, ...] = ()
     not_shared: str = ""
+    known: KnownErrors = EXACT
     regress: Callable[[Robot, Motion], Regression] | None = None
 
     @cached_property
@@ -398,7 +410,7 @@ class RobotEstimate:
         drives, side = self.fits.of_condition(condition, names, known)
         whole = None if self.whole is None else side
         load_side = side.of_names(self.load_side.names)
-        return replace(self, drives=drives, load_side=load_side, whole=whole)
+        return replace(self, drives=drives, load_side=load_side, whole=whole, known=known)
 
 
 LEAST_SHARE = 0.02

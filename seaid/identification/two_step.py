@@ -6,10 +6,11 @@ with the others, and an identification of one robot is that of one condition wit
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Literal
 
 import numpy as np
 from scipy import linalg
@@ -158,6 +159,7 @@ class TwoStepFits:
             checks=_checks(self.actuators, name) | {"load": self.load.checks(optional)},
             fit=self.load,
             fits=self.fits,
+            known=self.known_errors,
         )
 
     def _excluded(self, equation: str, condition: str, fit: FittedRows) -> int:
@@ -405,8 +407,8 @@ class LoadSideFit:
     def fit(self, rows: Rows, error_covariance: Array) -> FittedRows:
         """Fit (8) from rows without spring torque, with columns of identifiable torque offsets.
 
-        The last propagated columns of the rows are those of errors of the `error_covariance`
-        (k, k), those of the springs the first; what is between them is not used.
+        The propagated columns of the rows are those of the springs, then those of errors of the
+        `error_covariance` (k, k).
         """
         robot, motors = self.motors.robot, self.motors
         springs = {joint: motors.spring(joint) for joint in motors.springs}
@@ -422,23 +424,9 @@ class LoadSideFit:
             # All offsets are tried at once: a column that gravity nearly explains is dropped again.
             freed = identifiable_offsets(qr_factor_of_rows(rows, with_all), freed)
         change: RowChange = partial(with_torque_columns, robot, springs, freed)
-        if error_covariance.size:
-            count = len(motors.spring_names)
-            change = partial(_with_outer_columns, change, count, len(covariance) - count)
         propagated = covariance if covariance.size else None
         fitted = fit_inputs(rows, self.estimator, propagated, change, self.cutoff_hz)
         return drive_estimates.with_shared_parameters(robot.drives, fitted)
-
-
-def _with_outer_columns(
-    change: RowChange, springs: int, errors: int, rows: Regression
-) -> Regression:
-    """Return changed rows with the propagated columns of springs and errors only.
-
-    The `springs` are the first columns, the `errors` the last ones.
-    """
-    places = np.r_[:springs, rows.propagated.shape[1] - errors : rows.propagated.shape[1]]
-    return change(replace(rows, propagated=rows.propagated[:, places]))
 
 
 def fit_inputs(
@@ -520,60 +508,67 @@ def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: s
     return all(data is not None and bool(np.all(np.isfinite(data[:, used]))) for data in channels)
 
 
-# What goes on from two steps
+# Procedures, and what they cannot have
 
 LINEAR_SPRING = {"stiffness", "spring_damping", "spring_offset"}
 
+Block = Literal["motors (7)", "joints (8)", "simulated positions"]
+"""Residuals of a procedure; those of motors are of (4b) where only the spring's torque is known."""
+
+Limits = Callable[[Robot, Collection[str]], Iterator[str]]
+"""Function of a robot and some of its joints that yields why a procedure cannot have them."""
+
+Continuation = Callable[[Condition, RobotEstimate, Estimator], RobotEstimate]
+"""Function that returns an estimate from that of two steps by a linear estimator."""
+
 
 @dataclass(frozen=True)
-class Restrictions:
-    """What a method that goes on from two steps refuses.
+class Procedure:
+    """A choice of residual blocks, of what solves them and of their order, with its limits.
 
-    `option` is how the method is asked for, and `instead` the option for robots that it refuses.
-    `why` is the reason for which the base has to be held. Springs have to be linear and to have the
-    parameters `needed`, which `what` says.
+    `steps` are the blocks that are solved together, in turn; `by` is what solves them. `option` is
+    how it is asked for. It refuses what its `limits` yield: the text is what it `only` does, the
+    limit, and what to do `instead`. `held` is the reason for which the base has to be held.
+    `continued` goes on from two steps; None: it does not.
     """
 
     option: str
-    instead: str
-    why: str
-    needed: frozenset[str]
-    what: str
+    steps: tuple[tuple[Block, ...], ...]
+    by: Literal["least squares", "instruments", "output error"]
+    limits: Limits = lambda robot, joints: iter(())
+    only: str = ""
+    instead: str = ""
+    held: str = ""
+    continued: Continuation | None = None
 
-    def reason(self, robot: Robot, springs: Iterable[str]) -> str:
-        """Return which of the springs the method cannot have, "" if it can have all."""
-        for joint in springs:
-            if not self.needed <= {*spring_regressor(robot, joint).names} <= LINEAR_SPRING:
-                return f"the spring of {joint} {kind_of_spring(robot, joint)}"
-        return ""
+    def check(self, robot: Robot, joints: Collection[str]) -> None:
+        """Raise IdentificationError for a floating base, and for joints that it cannot have."""
+        if self.held:
+            check_held(robot, self.option, IdentificationError, why=self.held)
+        for reason in self.limits(robot, joints):
+            text = f"{self.option} {self.only}: {reason}; {self.instead}"
+            raise IdentificationError(text, self.option, self.instead.removeprefix("use "))
 
-    def check(self, robot: Robot, springs: Iterable[str]) -> None:
-        """Raise IdentificationError for a floating base, and for springs that are refused."""
-        check_held(robot, self.option, IdentificationError, why=self.why)
-        if reason := self.reason(robot, springs):
-            options = self.option, self.instead
+    def check_seen(self, joints: Sequence[str]) -> None:
+        """Raise IdentificationError for joints without encoder, where it would do nothing."""
+        if self.continued is not None:
             raise IdentificationError(
-                f"{self.option} {self.what}: {reason}; use {self.instead}", *options
-            )
-
-    def check_alone(self, robot: Robot) -> None:
-        """Raise IdentificationError for drives that share parameters."""
-        if groups := groups_of(robot.drives):
-            raise IdentificationError(
-                f"{self.option} estimates each drive alone, and drives share parameters "
-                f'({listed(groups)}): use method="two-step" with a linear estimator, or remove '
-                "the groups (shared = ... in the drives file, share=)",
+                f"{self.option} needs the joint position of each spring, and the logs have none of "
+                f"{listed(joints)}: these springs are found by a refinement that simulates the "
+                f"motors, whatever the first estimate is; remove {self.option}, or log the joint "
+                "position",
                 self.option,
             )
 
-    def unseen_error(self, joints: Sequence[str]) -> IdentificationError:
-        """Return the error for joints without encoder, where the method does nothing."""
-        return IdentificationError(
-            f"{self.option} needs the joint position of each spring, and the logs have none of "
-            f"{listed(joints)}: these springs are found by a refinement that simulates the motors, "
-            f"whatever the first estimate is; remove {self.option}, or log the joint position",
-            self.option,
-        )
+
+IN_TURN = Procedure('method="two-step"', (("motors (7)",), ("joints (8)",)), "least squares")
+
+
+def nonlinear_springs(needed: set[str], robot: Robot, joints: Collection[str]) -> Iterator[str]:
+    """Yield which springs are not linear, or lack the parameters that are needed."""
+    for joint in joints:
+        if not needed <= {*spring_regressor(robot, joint).names} <= LINEAR_SPRING:
+            yield f"the spring of {joint} {kind_of_spring(robot, joint)}"
 
 
 def kind_of_spring(robot: Robot, joint: str) -> str:

@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 import tomli_w
 
+from seaid._arrays import Array
 from seaid.drives import read_drives, write_drives
 from seaid.errors import Finding, IdentificationError, RobotError
 from seaid.estimation import Estimate, estimator_named, fit
 from seaid.export import content_of
 from seaid.identification import Identification, identify, identify_conditions, refine
+from seaid.identification.simultaneous import estimation, settled, simultaneous_regression
 from seaid.legged import load_robot
 from seaid.log import Log, Motion, reconstruct_motion
 from seaid.project import load_run, save_run
-from seaid.regressor import actuator_regression
+from seaid.regressor import Regression, actuator_regression
 from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
@@ -213,18 +215,56 @@ def test_conditions_share_what_their_drives_share() -> None:
     assert len({x[y].value("stiffness") for x in (cold, warm) for y in ("ankle", "elbow")}) == 1
 
 
-def test_methods_that_cannot_share_refuse() -> None:
-    """By default those with a shared parameter are identified in turn."""
+@pytest.mark.parametrize("option", quick_first([{"method": "simultaneous"}, {"estimator": "iv"}]))
+def test_methods_that_go_on_from_two_steps_share(option: dict[str, str]) -> None:
+    """The refinement by output error does not."""
     robot, log = plant(120.0, 120.0), log_of(120.0, 120.0)
-    for option in ({"method": "simultaneous"}, {"estimator": "iv"}):
-        ((name, value),) = option.items()
-        with pytest.raises(IdentificationError, match=rf'{name}="{value}" .*\(calf_motor\)'):
-            found(robot, log, *JOINTS[:2], **option)
-    result = found(robot, log, *JOINTS[:2], method="auto")
-    assert result.method == "two-step"
-    assert result.not_shared == "drives share parameters (calf_motor)"
+    alone, shared = (found(robot, log, *joints, **option) for joints in ((), JOINTS[:2]))
+    for name, truth in TRUTH.items():
+        (value,) = {drive.value(name) for drive in shared.drives.values()}
+        errors = [drive.standard_error(name) for drive in alone.drives.values()]
+        error = shared.drives["ankle"].standard_error(name)
+        assert abs(value - truth) < 4 * error
+        assert error < 0.85 * np.sqrt(np.mean(np.square(errors)))
+    assert {x.name.quantity for x in shared.shared} == {*TRUTH}
     with pytest.raises(IdentificationError, match="of ankle, which shares parameters"):
-        refine(result, log)
+        refine(shared, log)
+
+
+def test_both_sides_at_once_share_as_one_regression_with_their_columns_summed() -> None:
+    robot, log = plant(120.0, 120.0), log_of(120.0, 120.0)
+    result = found(robot, log, *JOINTS[:2], method="auto")
+    assert result.method == "simultaneous"
+    known = robot.without_nominal()
+    motion = reconstruct_motion(known, log, 5.0)
+    rows = simultaneous_regression(known, motion, result.model, JOINTS[:2], JOINTS[:2])
+    keys = [name.quantity if name.quantity in TRUTH else name for name in rows.names]
+    firsts = [place for place, key in enumerate(keys) if key not in keys[:place]]
+    sums = np.array([[float(key == keys[first]) for first in firsts] for key in keys])
+    weighted = estimation(estimator_named("wls"))
+
+    def of_sums(whitened: Regression, theta: Array) -> Estimate:
+        few = replace(whitened.of_columns(firsts), H=whitened.H @ sums)
+        estimate = weighted(few, theta[firsts])
+        covariance = sums @ estimate.covariance @ sums.T
+        return replace(
+            estimate,
+            names=rows.names,
+            units=rows.units,
+            values=sums @ estimate.values,
+            covariance=covariance,
+            degrees_of_freedom=None,
+            white_standard_errors=np.sqrt(np.diag(covariance)),
+        )
+
+    own = Estimate.joined(drive.at(joint) for joint, drive in result.drives.items())
+    names = {**own.by_name, **result.load_side.by_name}
+    expected, _ = settled(known, rows, np.array([names[name] for name in rows.names]), of_sums)
+    for name in TRUTH:
+        error = result.drives["elbow"].standard_error(name)
+        difference = result.drives["elbow"].value(name) - expected.value(f"{name} of elbow")
+        assert abs(difference) < 0.05 * error
+        assert error == pytest.approx(expected.standard_error(f"{name} of elbow"), rel=0.02)
 
 
 LINEAR = {"motor_pulley_radius_m": 0.1, "load_pulley_radius_m": 0.1, "stiffness_Nm_per_rad": "drop"}

@@ -220,18 +220,41 @@ def test_errors_of_iterations() -> None:
         IdentificationError, match="stiffness of zero, which predicts no deflection"
     ):
         settled(robot, rows, np.zeros(len(rows.names)), OLS)
-    count = iter(range(1000))
+    rng = np.random.default_rng(0)
 
     def restless(one: Regression, theta: Array) -> Estimate:
         estimate = ordinary(one)
-        step = (1 - next(count) % 2) * 1e-4 * (np.arange(len(one.names)) == 0)
+        step = 1e-4 * rng.normal() * (np.arange(len(one.names)) == 0)
         return replace(estimate, values=estimate.values + step)
 
-    words = (
-        "not converge in 50 iterations: viscous_friction of hip_pitch still changes by 0.0001 N m s"
-    )
+    words = "not converge in 50 iterations: viscous_friction of hip_pitch still changes by .* N m s"
     with pytest.raises(IdentificationError, match=words):
         settled(robot, rows, truth_of(robot, model, rows.names), restless)
+
+
+@pytest.mark.parametrize("ratios", [(0.96,), (0.96, -0.93), (0.97, -0.95, 0.9, 0.6)])
+def test_slow_and_alternating_iterations_end_in_few_steps(ratios: tuple[float, ...]) -> None:
+    """Plain iterations need more than a hundred."""
+    robot, model = TWO_SPRINGS, model_of(TWO_SPRINGS)
+    rows = simultaneous_regression(robot, exact(robot), model, robot.joint_names)
+    noise = np.random.default_rng(0).normal(0, 0.05, len(rows.y))
+    end = ordinary(replace(rows, y=rows.y + noise))
+    linear = [k for k, name in enumerate(rows.names) if name.quantity != "stiffness"]
+    ratio, start = np.zeros(len(rows.names)), end.values.copy()
+    ratio[linear[: len(ratios)]] = ratios
+    start += 5 * end.standard_errors * (ratio != 0)
+
+    def slow(_: Regression, theta: Array) -> Estimate:
+        """Contract, faster at a distance from the end."""
+        away = theta - end.values
+        shares = ratio / (1 + 1e-3 * (away / end.standard_errors) ** 2)
+        return replace(end, values=end.values + shares * away)
+
+    found, iterations = settled(robot, rows, start, slow)
+    assert iterations <= 15
+    # The last step is below 1e-3 standard errors, and the way left a geometric sum of such.
+    left = np.abs(found.values - end.values) / end.standard_errors
+    assert np.max(left) < 1e-3 / (1 - max(ratios))
 
 
 @pytest.mark.slow  # 5.0 s
