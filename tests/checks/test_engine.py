@@ -86,8 +86,8 @@ def test_rows_are_weighted_by_the_root_of_the_covariance_of_their_residual() -> 
     equation = equation_of(fit(data, ESTIMATORS["wls"], springs))
     plain = Equation(equation.rows, equation.weights)
     W, columns = np.diag(plain.weight), data.propagated
-    free = plain.residual_of(plain.weighted(columns))
-    left = plain.residual - free @ np.linalg.lstsq(free, plain.residual)[0]
+    Q = np.linalg.qr(W @ columns)[0]
+    left = plain.residual - Q @ (Q.T @ plain.residual)
     noise = np.mean(left**2) * ROWS_PER_PERIOD / 2
     covariance = np.eye(400) + W @ columns @ springs @ columns.T @ W / noise
     expected = linalg.inv(linalg.sqrtm(covariance)) @ W
