@@ -10,7 +10,7 @@ import pytest
 import seaid
 from seaid.cli.kinds import contacts_of
 from tests.cli.small_arm import done, refused
-from tests.legged.test_floating_base import STANDING, swayed
+from tests.legged.test_base import STANDING, swayed
 
 FEET = "FL_foot,FR_foot,RL_foot,RR_foot"
 GO2 = ("go2", "--base", "floating", "--contact", FEET)
