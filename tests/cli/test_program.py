@@ -27,21 +27,6 @@ ROOT = Path(__file__).parents[2]
 HELP_SECONDS = 0.5
 
 
-def test_export_of_saved_parameters_writes_the_same_files(arm: Path, tmp_path: Path) -> None:
-    robot, log, saved = robot_and_drives(arm), arm / "run.csv", tmp_path / "parameters.json"
-    done("identify", *robot, log, "--feasible", "-o", saved)
-    done("export", *robot, "--from", log, "-o", tmp_path / "one.urdf")
-    said = done("export", arm / "arm.urdf", "--parameters", saved, "-o", tmp_path / "two.urdf")
-    assert said.out.splitlines()[0] == "small_arm: 2 bodies written, with the drives"
-    for ending in (".urdf", ".toml"):
-        one, two = ((tmp_path / name).with_suffix(ending) for name in ("one", "two"))
-        assert one.read_bytes() == two.read_bytes()
-    assert "is of another robot" in refused(
-        *("export", arm / "arm.urdf", "--joints", "elbow", "--parameters", saved),
-        *("-o", tmp_path / "three.urdf"),
-    )
-
-
 def test_inspect_shows_tree_drives_base_parameters_and_sensors(arm: Path, tmp_path: Path) -> None:
     """What a robot file has: joints that move and others, drives, and bodies that cannot be."""
     said = done("inspect", *robot_and_drives(arm)).out

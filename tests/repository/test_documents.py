@@ -204,9 +204,6 @@ def test_documents_are_at_most_25_pages() -> None:
 
 TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
 SHOWN = re.compile(r"<!--.*?-->|(?<=\])\([^)]*\)|[`*\[\]]")
-"""What of a cell no reader sees: marks of figures, targets of links, and marks of letters."""
-
-MOST_COLUMNS = 5
 TWO_LINES, BETWEEN = 180, 6
 """Letters of two lines of a page, which columns share by need, and those that a column costs."""
 
@@ -218,7 +215,7 @@ def test_tables_have_few_columns_and_about_two_lines_a_cell(name: str) -> None:
         rows = [re.split(r"(?<!\\)\|", row[1:-1]) for row in table.splitlines()]
         cells = ([len(SHOWN.sub("", cell).strip()) for cell in row] for row in rows)
         widths = [max(column) for column in zip(*cells, strict=True)]
-        assert len(widths) <= MOST_COLUMNS, rows[0]
+        assert len(widths) <= 5, rows[0]
         assert sum(widths) + BETWEEN * len(widths) <= TWO_LINES, (rows[0], widths)
 
 
