@@ -35,7 +35,7 @@ test-all: test test-slow
 # What rests on rounding (decisions of rank, factors, programs near singularity) and the figures of a page, on other
 # processors: OpenBLAS has a kernel for each kind. Only a processor with AVX-512 has that of SkylakeX, which all other
 # tests use there.
-PAGE := tests/test_documents.py::test_code_of_a_page_runs_and_prints_what_the_page_says[docs/first_result.md]
+PAGE := tests/repository/test_documents.py::test_code_of_a_page_runs_and_prints_what_the_page_says[docs/first_result.md]
 ROUNDING := $(shell grep -rl --include='*.py' 'pytest.mark.rounding' tests)
 KERNELS ?= Prescott Haswell
 test-rounding: dev

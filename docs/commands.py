@@ -24,9 +24,8 @@ def _section(name: str, command: Any) -> Iterator[str]:
     text, _, examples = inspect.cleandoc(command.help).partition("\b\n")
     yield from (f"## seaid {name}", "", *text.strip().splitlines(), "")
     yield from ("```sh", *examples.splitlines(), "```", "")
-    yield from ("| argument, option | meaning | default |", "|---|---|---|")
     for parameter in command.params:
-        yield f"| {_words(parameter)} | {_meaning(parameter)} | {_default(parameter)} |"
+        yield f"- {_words(parameter)}{_default(parameter)}: {_meaning(parameter)}"
     yield ""
 
 
@@ -37,16 +36,14 @@ def _words(parameter: Any) -> str:
         return f"`{shape}`"
     options = [*parameter.opts, *parameter.secondary_opts]
     value = "" if parameter.is_flag else f" {shape}"
-    words = ", ".join(f"`{option}{value}`" for option in sorted(options, key=len))
-    return words.replace("|", r"\|")
+    return ", ".join(f"`{option}{value}`" for option in sorted(options, key=len))
 
 
 def _meaning(parameter: Any) -> str:
-    text = parameter.help or ""
-    return (text + (" Required." if parameter.required else "")).replace("|", r"\|")
+    return (parameter.help or "") + (" Required." if parameter.required else "")
 
 
 def _default(parameter: Any) -> str:
     value = parameter.default
     shown = isinstance(value, (str, float, int, Path)) and not isinstance(value, bool)
-    return f"`{value}`" if shown else ""
+    return f" (default `{value}`)" if shown else ""

@@ -4,7 +4,7 @@
 
 A package stands as high as its imports at run time allow. An arrow leads from a package to one
 that imports it, unless a way of other arrows does so too. The command line stands below all. The
-order of the packages is that of tests/test_architecture.py; the captions are here.
+order of the packages is that of tests/repository/test_architecture.py; the captions are here.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from scripts.benchmarks.house import import_graph
-from tests.test_architecture import FLOORS
+from tests.repository.test_architecture import FLOORS
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURED = FLOORS[: FLOORS.index("cli")]

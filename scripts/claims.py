@@ -201,7 +201,7 @@ def texts_of(runs: Iterable[Run]) -> dict[str, str]:
 
 
 def capabilities(runs: Iterable[Run]) -> str:
-    """Return the table of what seaid and its peers can do, and the table of seaid's commands."""
+    """Return the table of what seaid and its peers can do, and the list of seaid's commands."""
     rows = [run for run in runs if run.capability]
     lines = [
         "",
@@ -212,9 +212,9 @@ def capabilities(runs: Iterable[Run]) -> str:
     for run in rows:
         own = "yes" if run.command else "no"
         lines.append(f"| {run.capability} | {own} | {' | '.join(run.peers)} |")
-    lines += ["", "| capability of seaid | shown by | on |", "|---|---|---|"]
+    lines += ["", "The commands behind each yes of seaid:", ""]
     shown = (run for run in rows if run.command)
-    lines += [f"| {run.capability} | `{run.command}` | {run.date} |" for run in shown]
+    lines += [f"- {run.capability}: `{run.command}`, {run.date}" for run in shown]
     return "\n".join([*lines, "", ""])
 
 

@@ -4,8 +4,8 @@
     python -m scripts.benchmarks.house --write   lower the ceilings of house.toml to what stands
 
 `house.toml` has for each package its budget in lines of code, and for each figure its target. Until
-one is reached, its ceiling is what stood when it was last written: `tests/test_architecture.py`
-lets it only fall, and `--write` refuses to raise it.
+one is reached, its ceiling is what stood when it was last written, which
+`tests/repository/test_architecture.py` lets only fall, and `--write` refuses to raise.
 
 The peers are pink and mujoco.sysid, where they are installed (seaid[peers]). Complexity is
 McCabe's as radon counts it: conditions and comprehensions included. All figures of 25 November are
@@ -32,7 +32,7 @@ from scripts.benchmarks.hops import hops
 from scripts.short_form import is_quick, sized
 from scripts.sources import import_statements, inner_statements, tree_of
 from seaid.report import table
-from tests.test_language import INSTEAD, dialect, vague_names
+from tests.repository.test_language import INSTEAD, dialect, vague_names
 
 Graph = dict[str, set[str]]
 ROOT = Path(__file__).resolve().parents[2]

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import seaid
 from scripts.short_form import add_quick, few
 from tests.experiments import TEST_MASS, leg
-from tests.identification.test_temperature import (
+from tests.whole.test_temperature import (
     COLD,
     FRICTION,
     KNEE,

@@ -136,40 +136,12 @@ def check_intervals(found: Identification, truth: Robot, joint: str) -> None:
 
 CONSTANTS = {"current": "torque_constant", "voltage": "voltage_constant"}
 
-SINGLE = ("smooth", "dahl", "asymmetric", "quadratic", "stribeck")
-"""Terms of friction that other cases have together with more."""
-
-EXACT = {
+CASES = {
     **{("two", term): case for term, case in FRICTION.items()},
     **{("spring of two", term): case for term, case in SPRINGS.items()},
-    ("beside two", "joint friction"): JOINT_FRICTION,
-    # a motor constant beside a known stiffness
-    **{
-        ("two", kind): ({"motor_input": kind, "known": ("stiffness",)}, {constant: 0.03})
-        for kind, constant in CONSTANTS.items()
-    },
     **{("one", term): case for term, case in STIFF_FRICTION.items()},
 }
 """{(where, term): what the drive then has, and the true values}."""
-SLOW = [("two", term) for term in SINGLE] + [place for place in EXACT if place[0] == "one"]
-SLOW += [("spring of two", term) for term in ("cubic", "preload", "dead zone")]
-
-
-@pytest.mark.parametrize(("place", "term"), quick_only(EXACT, {*EXACT} - {*SLOW}))
-def test_a_term_of_any_drive_is_found_exactly(place: str, term: str) -> None:
-    """Without noise, with the bodies where springs are loaded by them."""
-    case, joint, is_free = EXACT[place, term], place.split()[-1], place.startswith("spring")
-    drives = {joint: with_terms(STIFF if joint == "one" else ELASTIC, *case)}
-    truth = robot(**drives)
-    motion = exact_motion(truth, {"two": free_stretch(0.15)} if is_free else None)
-    found = identified(truth, motion, ["one"] if is_free else None)
-    assert set(case[1]) <= set(found.drives[joint].names)
-    assert set(case[0].get("known", ())).isdisjoint(found.drives[joint].names)
-    check_values(found, truth, joint)
-    if not is_free:
-        check_bodies(found, truth)
-    if place.startswith("beside"):  # the joint's standstill too
-        assert found.excluded["load"] > identified(robot(), plain_motion()).excluded["load"]
 
 
 @pytest.mark.parametrize("zero", [-0.2, 0.2])
@@ -268,7 +240,7 @@ def test_errors_are_as_large_as_the_standard_errors_say(families: list[str]) -> 
     for draws, places in map(NOISY.__getitem__, families):
         for place, term in places:
             joint, is_free = place.split()[-1], place.startswith("spring")
-            drive = with_terms(STIFF if joint == "one" else ELASTIC, *EXACT[place, term])
+            drive = with_terms(STIFF if joint == "one" else ELASTIC, *CASES[place, term])
             truth = with_named_friction(robot(**{joint: drive}))
             motion, rows = exact_motion(truth, BEHIND if is_free else None), ["one"]
             for seed in range(draws):

@@ -11,8 +11,8 @@ from scripts.benchmarks.legged import noisy
 from scripts.legged_plant import GO2, plan, plant, simulate
 from seaid.checks.check import observed
 from seaid.legged.contacts import FEET_CHECKS, LeggedFit
+from tests.legged.test_base import STANDING, base_of, go2, with_base
 from tests.legged.test_feet import walked
-from tests.legged.test_floating_base import STANDING, base_of, go2, with_base
 from tests.plants import kept
 
 

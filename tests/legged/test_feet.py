@@ -29,7 +29,7 @@ from seaid.log import BaseLog, Description, LogDescription
 from seaid.log.base_log import moving_base
 from seaid.log.describe.inference import Doubt
 from seaid.log.description import Source
-from tests.legged.test_floating_base import STANDING, base_of, found_standing, go2, with_base
+from tests.legged.test_base import STANDING, base_of, found_standing, go2, with_base
 from tests.plants import kept
 
 

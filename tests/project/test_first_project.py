@@ -21,7 +21,7 @@ from seaid.project import FirstProject, Project, load_project, run_project, writ
 from seaid.project.first_project import _drives_text, inferred_drives
 from seaid.regressor import joint_torques
 from tests import experiments
-from tests.legged.test_floating_base import base_of, swayed
+from tests.legged.test_base import base_of, swayed
 from tests.measured import LOGS
 from tests.one_joint import chain, one_joint
 from tests.plants import log_with, write_columns

@@ -1,4 +1,4 @@
-"""Counts and groupings of base parameters."""
+"""Counts and groupings of base parameters; known bodies are in none of them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.errors import ExcitationError, SeaidError
+from seaid.errors import ExcitationError, RobotError, SeaidError
+from seaid.excitation.criteria import pivoted_base
 from seaid.legged import load_robot
 from seaid.regressor import base_parameters, cross_check, joint_torques, rigid_body_regressor
 from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
 from seaid.regressor.load import load_columns, load_model
 from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
-from tests.experiments import motion_of
+from tests.experiments import MODELS, motion_of
 from tests.regressor.stances import check_base, rows_of_torques
 
 Chain = Callable[..., Path]
@@ -288,3 +289,50 @@ def test_regressor_has_neither_values_of_bodies_nor_rotors_in_it(tulip_leg: Robo
         rigid_body_regressor(tulip_leg, q, v[:, :4], a)
     with pytest.raises(SeaidError, match="as many rows, found 6, 5, 6"):
         rigid_body_regressor(tulip_leg, q, v[:5], a)
+
+
+LEG = (MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
+
+
+def leg(*known: str) -> Robot:
+    return load_robot(*LEG, known_bodies=known)
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize(
+    ("known", "count"),
+    [((), 29), (("foot",), 22), (("thigh", "shank"), 17), (("hip_yaw_link",), 29)],
+)
+def test_both_base_parameters_leave_known_bodies_out(known: tuple[str, ...], count: int) -> None:
+    robot = leg(*known)
+    exact = exact_base_parameters(robot)
+    assert cross_check(base_parameters(robot), exact).agree
+    check_base(exact, rows_of_torques(robot, robot.joint_names))
+    assert exact.rank == len(pivoted_base(robot).columns) == count
+    assert not np.any(exact.grouping[:, robot.is_known])
+
+
+@pytest.mark.rounding
+def test_base_parameters_and_known_ones_make_the_whole_torque() -> None:
+    robot = leg("shank")
+    base, rng = base_parameters(robot), np.random.default_rng(1)
+    states = rng.normal(size=(3, 20, robot.n))
+    Y = rigid_body_regressor(robot, *states)
+    told = base.reduce(Y) @ base.project(robot.parameters) + Y @ robot.known_parameters
+    np.testing.assert_allclose(told, joint_torques(robot, *states), atol=1e-10)
+
+
+def test_a_robot_of_known_bodies_has_no_base_parameters() -> None:
+    robot = leg(*leg().body_names)
+    base = base_parameters(robot)
+    assert base.columns == ()
+    assert base.grouping.shape == (0, 50)
+    assert cross_check(base, exact_base_parameters(robot)).agree
+
+
+def test_all_bodies_with_inertial_parameters_can_be_known(write_chain: Callable[..., Path]) -> None:
+    path = write_chain({"one": "continuous", "two": "continuous"}, empty=("one_link",))
+    for names in ("all", ["all"]):
+        assert load_robot(path, known_bodies=names).known_bodies == ("two_link",)
+    with pytest.raises(RobotError, match="'one_link' has no inertial parameters in the URDF"):
+        load_robot(path, known_bodies=["one_link"])

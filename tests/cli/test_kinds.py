@@ -11,7 +11,7 @@ import seaid
 from seaid.cli.kinds import contacts_of
 from seaid.log.base_log import moving_base
 from tests.cli.small_arm import done, refused
-from tests.legged.test_floating_base import STANDING, swayed
+from tests.legged.test_base import STANDING, swayed
 
 FEET = "FL_foot,FR_foot,RL_foot,RR_foot"
 GO2 = ("go2", "--base", "floating", "--contact", FEET)

@@ -9,7 +9,7 @@ import pytest
 
 from scripts.sources import tree_of
 
-SEAID = Path(__file__).resolve().parents[1] / "seaid"
+SEAID = Path(__file__).resolve().parents[2] / "seaid"
 
 
 @cache

@@ -13,7 +13,7 @@ import pytest
 
 import seaid
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TULIP_FILES = (
     "excitation.csv",
     "identification_log.csv",
@@ -155,14 +155,14 @@ SHORT_FORMS = {
 All others, but for those in RUN_ELSEWHERE, have the short form `--quick`.
 """
 RUN_ELSEWHERE = {
-    "claims.py": "tests/test_claims.py",
-    "fuzz.py": "tests/test_scripts.py",
-    "golden.py": "tests/test_golden.py",
-    "identify_tulip_leg.py": "tests/test_scripts.py",
-    "notebook.py": "tests/test_documents.py",
-    "pages.py": "tests/test_documents.py",
-    "architecture.py": "tests/test_documents.py",
-    "warnings_page.py": "tests/test_documents.py",
+    "claims.py": "tests/repository/test_claims.py",
+    "fuzz.py": "tests/repository/test_scripts.py",
+    "golden.py": "tests/repository/test_golden.py",
+    "identify_tulip_leg.py": "tests/repository/test_scripts.py",
+    "notebook.py": "tests/repository/test_documents.py",
+    "pages.py": "tests/repository/test_documents.py",
+    "architecture.py": "tests/repository/test_documents.py",
+    "warnings_page.py": "tests/repository/test_documents.py",
 }
 """Scripts that other tests run."""
 

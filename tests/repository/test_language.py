@@ -10,7 +10,7 @@ import pytest
 
 from scripts.sources import tree_of
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 INSTEAD = {
     r"\b(?:un|re)?told\b|\btells\b": "identifiable, determined by; excites; says",

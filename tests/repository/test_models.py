@@ -9,7 +9,7 @@ from seaid.legged import load_robot
 from seaid.regressor import base_parameters
 from seaid.robot import is_physical
 
-MODELS = Path(__file__).parents[1] / "models"
+MODELS = Path(__file__).parents[2] / "models"
 
 
 @pytest.mark.parametrize("path", sorted(MODELS.glob("*.urdf")), ids=lambda path: path.stem)

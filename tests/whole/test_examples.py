@@ -25,7 +25,7 @@ from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, leg, leg_motion, wiggle
 from tests.plants import kept, write_robot
 
-MODELS = Path(__file__).parents[1] / "models"
+MODELS = Path(__file__).parents[2] / "models"
 PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
 
 

@@ -202,6 +202,23 @@ def test_documents_are_at_most_25_pages() -> None:
     assert sum(name.startswith("docs/") for name in PAGES) <= 25
 
 
+TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
+SHOWN = re.compile(r"<!--.*?-->|(?<=\])\([^)]*\)|[`*\[\]]")
+TWO_LINES, BETWEEN = 180, 6
+"""Letters of two lines of a page, which columns share by need, and those that a column costs."""
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_tables_have_few_columns_and_about_two_lines_a_cell(name: str) -> None:
+    text = re.sub(r"```.*?```", "", PAGES[name].read_text("utf-8"), flags=re.DOTALL)
+    for table in TABLE.findall(text):
+        rows = [re.split(r"(?<!\\)\|", row[1:-1]) for row in table.splitlines()]
+        cells = ([len(SHOWN.sub("", cell).strip()) for cell in row] for row in rows)
+        widths = [max(column) for column in zip(*cells, strict=True)]
+        assert len(widths) <= 5, rows[0]
+        assert sum(widths) + BETWEEN * len(widths) <= TWO_LINES, (rows[0], widths)
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_links_and_pictures_are_there(name: str) -> None:
     page = PAGES[name]

@@ -20,7 +20,7 @@ from scripts.benchmarks.house import (
 )
 from scripts.sources import import_statements, tree_of
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def name_of(path: Path) -> str:
@@ -124,6 +124,21 @@ def test_nothing_else_stands_at_the_root() -> None:
     assert tops == {"__init__", "__main__", *(name.removeprefix("seaid.") for name in ROOTS)}
     folders = {path.name for path in (ROOT / "seaid").iterdir() if path.is_dir()}
     assert folders - {"__pycache__"} == set(FLOORS)
+
+
+OF_NO_MODULE = ("browser", "fuzz", "repository", "whole")
+"""Folders of tests: of pages in Chromium, of damaged files, of the project, of several packages."""
+
+
+def test_tests_mirror_the_folders() -> None:
+    """`tests/checks/test_engine.py` is of `seaid/checks/engine.py`, or stands with what crosses."""
+    strays = []
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        place, name = path.relative_to(ROOT / "tests").parent, path.stem.removeprefix("test_")
+        modules = (ROOT / "seaid" / place / one for one in (name, f"{name}.py", f"_{name}.py"))
+        if place.as_posix() not in OF_NO_MODULE and not any(one.exists() for one in modules):
+            strays.append(path.relative_to(ROOT))
+    assert strays == []
 
 
 def test_no_module_imports_one_that_imports_it() -> None:

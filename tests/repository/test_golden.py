@@ -12,7 +12,7 @@ from scripts.golden_cases import GROUPS, KNOWN_WRONG, cases
 from scripts.golden_records import KnownWrong, Record, of_error, of_text
 from seaid.errors import SeaidError
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / "tests/data/golden.json.gz"
 DRIVE = "[knee]\nstiffness = 59966.0  # N/m\nratio = 86\n"
 
