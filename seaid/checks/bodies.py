@@ -406,7 +406,7 @@ def _rivals(experiment: Experiment, mostly: str, times: float) -> Iterator[Cause
     They are `times` as heavy. Where a torque is mostly that of an acceleration, so are positions
     that are as many times too small.
     """
-    alone = [j for j in experiment.used if not experiment.both[j]]
+    alone = sorted({*experiment.used} - {*np.flatnonzero(experiment.both).tolist()})
     if alone and times > 0 and abs(times - 1) > tol.POOR:
         words = f"are {1 / times:.3g} times what they should be, as by counts per turn or gears"
         options = CODES["unit"], experiment, dict.fromkeys(alone, times), "qm", words

@@ -12,11 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Generic, TypeVar, TypeVarTuple
+from typing import TYPE_CHECKING, Generic, TypeVar, TypeVarTuple
 
 from seaid import errors
-from seaid.checks.codes import Code
 from seaid.errors import Finding
+
+if TYPE_CHECKING:
+    from seaid.checks.codes import Code
 
 Subject = TypeVarTuple("Subject")
 Proposal = TypeVar("Proposal")

@@ -507,8 +507,8 @@ def equation_of(fitted: FittedRows) -> Equation:
         return equation
     # With T = Q R the errors T u of a covariance C of u have Q (R C R^T) Q^T.
     Q, R = np.linalg.qr(equation.weighted(fitted.rows.propagated))
-    # The noise is what the fit leaves beside them: free springs would explain any torque, which is
-    # theirs. A row has a part of an independent one's information.
+    # The noise is what the fit leaves apart from these: springs that are free explain any torque,
+    # as it is theirs. A row has a part of an independent one's information.
     noise = np.mean((equation.residual - Q @ (Q.T @ equation.residual)) ** 2) * ROWS_PER_PERIOD / 2
     of_noise = R @ fitted.propagated @ R.T / max(float(noise), 1e-300)
     squares, directions = safely(np.linalg.eigh, of_noise, what="the errors of springs")
@@ -577,12 +577,6 @@ class Accepted:
     share: float = 0.0
     change: Array | float = 0.0
     rivals: tuple[Trial, ...] = ()
-
-    @property
-    def damping(self) -> float:
-        """The damping of a spring, zero if the candidate is another one."""
-        is_damping = self.trial.candidate.name[1:] == ("spring", "damping")
-        return float(self.coefficients[0]) * is_damping
 
 
 Acceptance = Sequence[Accepted]

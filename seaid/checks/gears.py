@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise, product
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from seaid._arrays import Array
 from seaid._files import toml_key
 from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
-from seaid.checks.columns import HELD_BASE, LOAD_SIDE, MOTION, MOTOR_SIDE, SPRING, Side, SideNeed
-from seaid.checks.engine import Acceptance, ColumnCheck
+from seaid.checks.engine import Acceptance
 from seaid.checks.experiment import (
     MOST_STEPS,
     Experiment,
@@ -49,13 +48,17 @@ from seaid.regressor.regression import INPUT_FIELDS
 
 # In a fit, as columns next to its equations
 
+if TYPE_CHECKING:
+    from seaid.checks.columns import Side
+
+
 _HIGHEST = {"motor": 6, "joint": 12, "mesh": 2}
 """Highest orders that are tried, without odd ones above 6: turns and poles of the motor, turns of
 the joint, and the two lobes of strain-wave gears. Higher orders of the motor turn faster than a
 cutoff lets pass."""
 
 
-def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
+def orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield the cosine and sine of the orders that a drive lacks and the motion covers."""
     drive = side.robot.drives[joint]
     known = {(harmonic.angle, harmonic.order) for harmonic in drive.harmonics}
@@ -95,7 +98,7 @@ def _harmonics(side: Side, joint: str, name: str, orders: list[int]) -> Iterator
         yield engine.Candidate(joint, name, str(order), models)
 
 
-def _periodic(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
+def periodic(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of periodic errors, with their orders as TOML, none of a huge one."""
     drive, estimate = side.robot.drives[joint], side.fitted.estimate
     is_error = joint not in side.gears and not drive.is_nonlinear_spring
@@ -520,13 +523,13 @@ def _varied(q: Array, apart: Array, deflection: Array) -> tuple[Array, Array]:
 # In a fit, too: delays, and zeros of encoders
 
 
-def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
+def late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what a late torque adds to the equation: tau - d tau' to first order, late by d."""
     channel = torque_channel(side, joint)
     yield engine.linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
 
 
-def _late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
+def late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what a late position of the joint adds to (7) or to its load, to first order.
 
     To (7) it adds -(r_M/N) k r_L d theta_L', and to the torque of the spring k r_L^2 d theta_L',
@@ -544,9 +547,7 @@ def torque_channel(side: Side, joint: str) -> str:
     drive, index = side.robot.drives[joint], side.robot.index(joint)
     if drive.controller is not None or (drive.is_elastic and not side.is_motor):
         return ""
-    channels = [INPUT_FIELDS[drive.motor_input]]
-    channels += ["joint_torque"] if channels == ["motor_torque"] and not drive.is_elastic else []
-    for channel in channels:
+    for channel in (INPUT_FIELDS[drive.motor_input], *["joint_torque"] * (not drive.is_elastic)):
         signals = [getattr(motion, channel) for motion in side.motions]
         if all(x is not None and np.all(np.isfinite(x[:, index])) for x in signals):
             return channel
@@ -607,7 +608,7 @@ _ROUNDING, _LEAST = 1e-3, 1e-300
 """Part of a column that rounding leaves of one that is in the model already; least divisor."""
 
 
-def _is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
+def is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of a channel that is late or early against the others."""
     late, channel = accepted[0], accepted[0].trial.candidate.term
     value = float(late.coefficients[0]), float(late.errors[0])
@@ -728,7 +729,7 @@ def _late_encoder(side: Side, joint: str, late: engine.Accepted) -> tuple[float,
     return damping / stiffness, error / stiffness
 
 
-def _zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
+def zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield the torque that the fitted bodies have more where the zero of an encoder is off.
 
     The motors of springs move along, because the spring offset absorbs a constant deflection.
@@ -779,7 +780,7 @@ def _searched_zero(side: Side, joint: str, start: float) -> tuple[float, float]:
     return angle, float(error)
 
 
-def _zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
+def zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of a joint whose zero is not that of the robot file.
 
     An angle beyond a turn, or one that is not determined, stands for something else: over an
@@ -807,24 +808,3 @@ def _zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> 
         {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
         codes.in_description(codes.moved_zeros(side.robot, {joint: offset}, side.sources)),
     )
-
-
-_TORQUE = SideNeed("a torque that was logged", lambda *of: bool(torque_channel(*of)))
-_BOTH_ENCODERS = SideNeed("encoders on both sides", lambda *of: of[0].has_both_encoders(of[1]))
-_TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.robot.index(j)])
-# an offset moves the commands as well: `commands` looks at it
-_NO_CONTROLLERS = SideNeed("no controllers", lambda side, _: not side.robot.has_controllers)
-_BODIES = SideNeed("bodies that are fitted", lambda side, _: side.base is not None)
-
-GEAR_CHECKS = (
-    ColumnCheck(codes.CODES["transmission-error"], (MOTOR_SIDE,), _orders, _periodic),
-    ColumnCheck(codes.CODES["delay"], (_TORQUE,), _late_torque, _is_late),
-    ColumnCheck(codes.CODES["delay"], (SPRING, _BOTH_ENCODERS), _late_position, _is_late),
-    ColumnCheck(
-        codes.CODES["encoder-offset"],
-        (LOAD_SIDE, _BODIES, HELD_BASE, _NO_CONTROLLERS, _TURNS, MOTION),
-        _zeros,
-        _zero_is_off,
-    ),
-)
-"""The checks of a gear and its sensors, in the order in which their findings are listed."""

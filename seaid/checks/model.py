@@ -16,12 +16,12 @@ from itertools import chain, compress, product
 import numpy as np
 
 from seaid._arrays import Array, BoolArray
-from seaid.checks import codes, engine
+from seaid.checks import codes, columns, engine, gears
 from seaid.checks.check import guarded, proposals
 from seaid.checks.codes import CODES, EXPLAINED, Cause, joints_of, notes_beside, undecided
-from seaid.checks.columns import DRIVE_CHECKS, Side
+from seaid.checks.columns import DRIVE_CHECKS, Side, SideNeed
 from seaid.checks.engine import ColumnCheck
-from seaid.checks.gears import GEAR_CHECKS, common_delay, torque_delays
+from seaid.checks.gears import common_delay, torque_delays
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG, SURE, TWICE
 from seaid.checks.values import drive_findings, noise_findings, sure_offsets
@@ -133,6 +133,31 @@ _FRICTION = {*chain(*PARAMETERS_OF["friction"].values(), *PARAMETERS_OF["joint_f
 """Parameters that change with the temperature."""
 
 
+_TORQUE = SideNeed("a torque that was logged", lambda *of: bool(gears.torque_channel(*of)))
+_BOTH_ENCODERS = SideNeed("encoders on both sides", lambda *of: of[0].has_both_encoders(of[1]))
+_TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.robot.index(j)])
+# an offset moves the commands as well: `commands` looks at it
+_NO_CONTROLLERS = SideNeed("no controllers", lambda side, _: not side.robot.has_controllers)
+_BODIES = SideNeed("bodies that are fitted", lambda side, _: side.base is not None)
+
+_ENCODERS = columns.SPRING, _BOTH_ENCODERS
+
+GEAR_CHECKS = (
+    ColumnCheck(CODES["transmission-error"], (columns.MOTOR_SIDE,), gears.orders, gears.periodic),
+    ColumnCheck(CODES["delay"], (_TORQUE,), gears.late_torque, gears.is_late),
+    ColumnCheck(
+        CODES["delay"], (columns.SPRING, _BOTH_ENCODERS), gears.late_position, gears.is_late
+    ),
+    ColumnCheck(
+        CODES["encoder-offset"],
+        (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, columns.MOTION),
+        gears.zeros,
+        gears.zero_is_off,
+    ),
+)
+"""The checks of a gear and its sensors, in the order in which their findings are listed."""
+
+
 COLUMN_CHECKS = (
     *(*DRIVE_CHECKS, *GEAR_CHECKS),
     ColumnCheck(CODES["logs-differ"], (), _other_set_ups, _is_another_set_up),
@@ -157,6 +182,12 @@ class SideSelection:
     selection: engine.Selection
     findings: Mapping[tuple[ColumnCheck[Side], str], Finding]
     notes: Sequence[Finding] = ()
+
+    @property
+    def damping(self) -> float:
+        """The damping of the spring of a motor equation, zero if none was accepted."""
+        names = {x.trial.candidate.name[1:]: x.coefficients for x in self.selection.accepted}
+        return float(names.get(("spring", "damping"), [0.0])[0])
 
     @cached_property
     def delays(self) -> dict[str, tuple[float, float]]:
@@ -365,30 +396,30 @@ def _without_late_encoders(selected: Sequence[SideSelection]) -> list[Finding]:
     alone is next to none to the load: what the load has of it is an echo, as is what it has of a
     delay that the motor equation shows.
     """
-    of_motors, of_load = list[Finding](), list[Finding]()
-    late = {joint: delay for side in selected for joint, delay in _late_at_both(side, selected)}
-    for side in selected:
-        (of_motors if side.side.is_motor else of_load).extend(side.findings.values())
-    of_motors = [x for x in of_motors if x.code != "nonlinear-spring" or x.joint not in late]
-    delays = {"delay", "or delay"}
-    joints = joints_of(x for x in of_motors if x.code in ("delay", "nonlinear-spring")) | {*late}
-    kept = (x for x in of_load if x.joint not in joints or not {x.code, *x.evidence} & delays)
-    return [*of_motors, *late.values(), *kept]
+    motors = [side for side in selected if side.side.is_motor]
+    loads = [side for side in selected if side not in motors]
+    dampings = {side.side.joints[0]: side.damping for side in motors}
+    late = [*chain.from_iterable(_late_at_both(side, dampings) for side in loads)]
+    at_both, delays = joints_of(late), {"delay", "or delay"}
+    of_motors, of_load = map(_findings_of, (motors, loads))
+    kept = [x for x in of_motors if x.code != "nonlinear-spring" or x.joint not in at_both]
+    joints = at_both | joints_of(x for x in kept if x.code in ("delay", "nonlinear-spring"))
+    of_load = [x for x in of_load if x.joint not in joints or not {x.code, *x.evidence} & delays]
+    return [*kept, *late, *of_load]
 
 
-def _late_at_both(
-    load: SideSelection, selected: Iterable[SideSelection]
-) -> Iterator[tuple[str, Finding]]:
-    """Yield the joints whose late encoder the load shows and its motor as damping, as findings."""
-    motors = {x.side.joints[0]: x.selection.accepted for x in selected if x.side.is_motor}
-    for best in load.selection.accepted if not load.side.is_motor else ():
-        trials = [x for x in (best.trial, *best.rivals) if x.candidate.field == "delay"]
-        dampings = (x for x in motors.get(best.trial.candidate.joint, ()) if x.damping)
-        for trial, motor in product(trials, dampings):
+def _findings_of(sides: Iterable[SideSelection]) -> list[Finding]:
+    return [*chain.from_iterable(side.findings.values() for side in sides)]
+
+
+def _late_at_both(load: SideSelection, dampings: Mapping[str, float]) -> Iterator[Finding]:
+    """Yield the late encoders that the load shows and the motors as `dampings` {joint: damping}."""
+    for best in load.selection.accepted:
+        for trial in (best.trial, *best.rivals):
             # both are k d of a delay d
-            is_alike = 1 / TWICE < float(best.coefficients[0]) / motor.damping < TWICE
-            if is_alike and (finding := _found_alone(load.side, trial)):
-                yield trial.candidate.joint, finding
+            ratio = dampings.get(trial.candidate.joint, 0.0) / float(best.coefficients[0])
+            if trial.candidate.field == "delay" and 1 / TWICE < ratio < TWICE:
+                yield from filter(None, [_found_alone(load.side, trial)])
 
 
 def _with_common_delay(

@@ -452,8 +452,8 @@ _UNITS = {"mNm": 1e3, "Ncm": 1e2, "kNm": 1e-3}
 def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the torque of a joint; those of another unit may have another sign too."""
     rounding = float(np.finfo(float).eps)
-    scales = {j: x.shown for j, x in experiment.scales.items() if j in experiment.doubted}
-    for j, slope in scales.items():
+    for j in sorted({*experiment.doubted} & experiment.scales.keys()):
+        slope = experiment.scales[j].shown
         is_reversed_only = slope < 0 and abs(math.log(-slope)) <= math.log(tol.FAR)
         # beyond, one of the torques is nothing but rounding next to the other
         if is_reversed_only or not rounding < abs(slope) < 1 / rounding:
@@ -544,7 +544,6 @@ def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield a factor on all torques: their unit, that they are behind the gears, or the masses."""
     used = [*experiment.scales]
-    lever = experiment.lever[used]
     if len(used) < 2:
         return
     slopes = np.array([scale.shown for scale in experiment.scales.values()])
@@ -559,15 +558,7 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
             yield _scale(experiment, used, factor, known, channels)
     if middle <= 0 or abs(middle - 1) < tol.SLIGHT:
         return
-    is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
-    is_driven &= all(experiment.input(j) == "motor_torque" for j in used)
-    of_motors, behind = (float(np.median(x)) for x in (slopes * lever, slopes / lever))
-    if is_driven and 1 / tol.TWICE < behind < tol.TWICE:
-        yield _behind_gears(experiment, used, middle)
-    if np.min(lever) >= tol.FAR and 1 / tol.TWICE < of_motors < tol.TWICE:
-        words = 'are those of the motors, which are read as those behind the gears (side = "joint")'
-        levers = dict(zip(used, lever.tolist(), strict=True))
-        yield multiplied(CODES["unit"], experiment, levers, channels, words)
+    yield from _at_other_sides(experiment, slopes, channels)
     # `bodies` include the payloads, `robot.parameters` do not: these were weighed.
     heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
     yield Transform(
@@ -580,6 +571,22 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
         evidence={"factor": middle},
         penalty=1.0,
     )
+
+
+def _at_other_sides(experiment: Experiment, slopes: Array, channels: str) -> Iterator[Transform]:
+    """Yield torques on the other sides of the gears: behind them, or those of the motors."""
+    used = [*experiment.scales]
+    lever, torques = experiment.lever[used], experiment.torque[:, used]
+    behind, of_motors = (float(np.median(x)) for x in (slopes / lever, slopes * lever))
+    is_of_motors = all(experiment.input(j) == "motor_torque" for j in used)
+    if np.min(lever) < tol.FAR or not is_of_motors or not np.all(np.isfinite(torques)):
+        return
+    if 1 / tol.TWICE < behind < tol.TWICE:
+        yield _behind_gears(experiment, used, float(np.median(slopes)))
+    if 1 / tol.TWICE < of_motors < tol.TWICE:
+        words = 'are those of the motors, which are read as those behind the gears (side = "joint")'
+        levers = dict(zip(used, lever.tolist(), strict=True))
+        yield multiplied(CODES["unit"], experiment, levers, channels, words)
 
 
 def _ratings(experiment: Experiment) -> Iterator[Transform]:
@@ -933,7 +940,7 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
         slips, experiment = gears.without_slips(experiment)
     hiding = ([*proposals([check], notes, experiment)] for check in OF_MOTION)
     findings = next(filter(None, hiding), [])
-    if not findings and not (wrong and experiment.robot.has_controllers):
+    if not findings:
         search = _of_commands if experiment.robot.has_controllers else _of_torques
         with guarded(CODES["nominal-values"], notes):
             findings = search(experiment, known)
@@ -965,6 +972,8 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
 
     The channels of a torque are not there, and an unknown armature looks like another mistake.
     """
+    if any(finding.severity == "wrong" for finding in known):
+        return []
     stopped = {finding.joint for finding in known if finding.code == "contact"}
     findings, without = mistakes(experiment, OF_COMMANDS)
     findings += observed([_BEYOND_LIMITS], without)

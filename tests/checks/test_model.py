@@ -644,5 +644,5 @@ def test_a_zero_that_the_torque_does_not_determine_is_no_finding(
     monkeypatch.setattr(gears, "_searched_zero", lambda *_: (angle, error))
     side: Any = SimpleNamespace(robot=leg(), offset_std=0.0, sources={})
     accepted: Any = [SimpleNamespace(coefficients=np.array([1.0]), errors=np.array([0.1]))]
-    finding = gears._zero_is_off(side, "knee_pitch", accepted, 0.5)
+    finding = gears.zero_is_off(side, "knee_pitch", accepted, 0.5)
     assert (finding is not None) == is_named
