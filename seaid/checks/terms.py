@@ -106,15 +106,15 @@ class DriveRows:
     @cached_property
     def values(self) -> dict[str, float]:
         """The fitted values of the drive."""
-        fitted = {name: float(self.theta[place]) for place, name in self._parameters.items()}
+        fitted = {name: float(self.theta[place]) for place, name in self.parameters.items()}
         return {**self.robot.drives[self.joint].values, **fitted}
 
     def has_parameter(self, name: str) -> bool:
         """Whether a parameter of the drive is one of the rows."""
-        return name in self._parameters.values()
+        return name in self.parameters.values()
 
     @cached_property
-    def _parameters(self) -> dict[int, str]:
+    def parameters(self) -> dict[int, str]:
         """The parameters of the drive by their places among those of the rows."""
         names = enumerate(self.rows.names)
         return {place: x.quantity for place, x in names if x.owner in ("", self.joint)}
@@ -136,8 +136,8 @@ class DriveRows:
         if not added and not grid:  # no part of this equation
             return
         # A law that replaces the sign of the speed replaces the columns of the fit that have it.
-        is_changed = map(changed.__contains__, self._parameters.values())
-        places = tuple(compress(self._parameters, is_changed))
+        is_changed = map(changed.__contains__, self.parameters.values())
+        places = tuple(compress(self.parameters, is_changed))
         names = *changed, *added
         # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]

@@ -60,25 +60,6 @@ _SEEN = 1e-3
 """Largest entry of the column of a friction level, of 1, below which no row determines it."""
 
 
-def fix_unidentifiable(
-    drive: Drive, names: Sequence[str], H: Array, nonlinear: Sequence[str]
-) -> Drive:
-    """Return the drive with its unidentifiable `nonlinear` parameters as known ones.
-
-    H (R, p) has the columns `names` at the drive's values. Examples are a dead zone of zero, and a
-    Stribeck speed without Stribeck friction: the equations are singular in them.
-    """
-    fixed: list[str] = []
-    levels = [level for term, level in LEVEL_OF.items() if term not in COULOMB]
-    # One at a time, since the others may be identifiable once the worst is fixed.
-    while True:
-        kept = [place for place, name in enumerate(names) if name not in fixed]
-        name = _unidentifiable([names[place] for place in kept], H[:, kept], [*nonlinear, *levels])
-        if name is None:
-            return replace(drive, known=(*drive.known, *fixed)) if fixed else drive
-        fixed.append(name)
-
-
 def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | None:
     """Return the candidate with the largest share of a lost combination, None if none is lost."""
     may_go = np.array([name in candidates for name in names])
@@ -171,8 +152,7 @@ class _Search:
     @cached_property
     def linear(self) -> tuple[str, ...]:
         """The linear parameters with a column."""
-        names = {self.drive.rows.names[place].quantity for place in self._own}
-        return tuple(name for name in self.regressor.linear if name in names)
+        return tuple(filter(self.drive.has_parameter, self.regressor.linear))
 
     @cached_property
     def y(self) -> Array:
@@ -190,9 +170,8 @@ class _Search:
     @property
     def _own(self) -> list[int]:
         """The places of the parameters of the drive among those of the rows."""
-        drives, names = ("", self.drive.joint), self.regressor.names
-        columns = enumerate(self.drive.rows.names)
-        return [place for place, x in columns if x.owner in drives and x.quantity in names]
+        names = self.regressor.names
+        return [place for place, name in self.drive.parameters.items() if name in names]
 
     @cached_property
     def regressor(self) -> DriveRegressor:
@@ -213,11 +192,24 @@ class _Search:
         return values | dict(zip(self.linear, optimum.linear.tolist(), strict=True))
 
     def with_fixed(self, drive: Drive) -> Drive:
-        """Return the drive with its unidentifiable nonlinear parameters as known ones."""
+        """Return the drive with its unidentifiable nonlinear parameters as known ones.
+
+        Examples are a dead zone of zero, and a Stribeck speed without Stribeck friction: the
+        equations are singular in them.
+        """
         nonlinear = np.array([drive.values[name] for name in self.nonlinear])
         linear = np.array([drive.values.get(name, 0.0) for name in self.linear])
         columns = np.hstack([self.columns(nonlinear)[1], self.slopes(nonlinear, linear)])
-        return fix_unidentifiable(drive, (*self.linear, *self.nonlinear), columns, self.nonlinear)
+        names, fixed = (*self.linear, *self.nonlinear), list[str]()
+        levels = [level for term, level in LEVEL_OF.items() if term not in COULOMB]
+        candidates = [*self.nonlinear, *levels]
+        # One at a time, since the others may be identifiable once the worst is fixed.
+        while True:
+            kept = [place for place, name in enumerate(names) if name not in fixed]
+            name = _unidentifiable([names[place] for place in kept], columns[:, kept], candidates)
+            if name is None:
+                return replace(drive, known=(*drive.known, *fixed)) if fixed else drive
+            fixed.append(name)
 
     def columns(self, nonlinear: Array) -> tuple[Array, Array]:
         """Return y and the drive's linear columns, with the other columns projected out."""
