@@ -88,19 +88,15 @@ def with_searched_values(
     """
     if robot is nominal:  # nothing was searched
         return dict(drives)
+    searched = {name for name, x in PARAMETERS.items() if x.is_positive and x.starts}
     allowed = {}
     for joint, estimate in drives.items():
         values = [
-            robot.drives[joint].values[name] if _is_searched(name) and value < 0 else value
+            robot.drives[joint].values[name] if name in searched and value < 0 else value
             for name, value in estimate.by_name.items()
         ]
         allowed[joint] = replace(estimate, values=np.array(values))
     return allowed
-
-
-def _is_searched(name: str) -> bool:
-    """Whether a parameter is positive and found by a search."""
-    return name in PARAMETERS and PARAMETERS[name].is_positive and bool(PARAMETERS[name].starts)
 
 
 _LEAST, _MOST = 1e-4, 2.0
@@ -120,23 +116,16 @@ def linearised(
     """
     searched = robot.elastic_joints if joints is None else joints
     check_reversals(robot, motions, searched)
-    drives = dict[str, Drive]()
     for joint in searched:
         if not regression.actuator_equation(robot, motions[0], joint)[0].non_linear:
             continue
         start, scale = _linear_start(robot, motions, joint), scale_of(robot, motions, joint)
         search = _actuator_search(_started(robot, joint, scale, start), motions, joint)
         grid = _grid(search.nonlinear, robot.drives[joint], start, scale)
-        drive = _at_values(robot.drives[joint], search.best(grid, scale))
-        drives[joint] = search.with_fixed(drive)
-    robot = robot.with_drives(drives) if drives else robot
+        drive = search.best(robot.drives[joint], grid, scale)
+        robot = robot.with_drives({joint: search.with_fixed(drive)})
     _check_warm_up(robot, motions, searched)
     return robot
-
-
-def _at_values(drive: Drive, values: Mapping[str, float]) -> Drive:
-    """Return the drive with the values of a search; a rotor inertia with a value would be known."""
-    return with_values(drive, {name: x for name, x in values.items() if name != "motor_inertia"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,13 +172,17 @@ class _Search:
         """The nonlinear parameters."""
         return self.regressor.non_linear
 
-    def best(self, starts: Sequence[Array], scale: Scale) -> dict[str, float]:
-        """Return the values of all parameters at the best of the local optima."""
+    def best(self, drive: Drive, starts: Sequence[Array], scale: Scale) -> Drive:
+        """Return the drive with the values of its parameters at the best of the local optima.
+
+        A rotor inertia has none, with which it would be known.
+        """
         of_name = zip(self.nonlinear, np.transpose(starts).tolist(), strict=True)
         bounds = np.array([bounds_of(name, scale, values) for name, values in of_name])
         optimum = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
         values = dict(zip(self.nonlinear, optimum.nonlinear.tolist(), strict=True))
-        return values | dict(zip(self.linear, optimum.linear.tolist(), strict=True))
+        values |= dict(zip(self.linear, optimum.linear.tolist(), strict=True))
+        return with_values(drive, {x: y for x, y in values.items() if x != "motor_inertia"})
 
     def with_fixed(self, drive: Drive) -> Drive:
         """Return the drive with its unidentifiable nonlinear parameters as known ones.
@@ -386,21 +379,13 @@ class LoadFit:
     qr_factor: QRFactor
 
 
-def nonlinear_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints among `used` whose stiff drive is nonlinear in its parameters."""
-    return tuple(
-        joint
-        for joint in used
-        if joint not in robot.elastic_joints and motor_regressor(robot, joint).non_linear
-    )
-
-
 def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Robot:
     """Return the robot with the values at which its stiff drives are linearised.
 
     Raises IdentificationError for a hysteresis without reversals.
     """
-    nonlinear = nonlinear_joints(robot, used)
+    stiff = [joint for joint in used if joint not in robot.elastic_joints]
+    nonlinear = [joint for joint in stiff if motor_regressor(robot, joint).non_linear]
     if not nonlinear:
         return robot
     check_reversals(robot, motions, nonlinear)
@@ -416,9 +401,7 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
             starts = [np.array([drive.values[name] for name in search.nonlinear])]
             if not sweep:
                 starts += _grid(search.nonlinear, nominal[joint], {}, scales[joint])
-            robot = robot.with_drives(
-                {joint: _at_values(drive, search.best(starts, scales[joint]))}
-            )
+            robot = robot.with_drives({joint: search.best(drive, starts, scales[joint])})
     for joint in nonlinear:
         search = _load_search(robot, motions, joint, used)
         robot = robot.with_drives({joint: search.with_fixed(robot.drives[joint])})
