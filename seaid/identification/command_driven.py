@@ -20,7 +20,7 @@ from seaid.errors import IdentificationError
 from seaid.estimation.nonlinear_least_squares import Point, Residuals
 from seaid.identification import refined_parameters
 from seaid.identification.datasets import Dataset, first_motion
-from seaid.identification.joint_dynamics import LinearisedLoad, drive_slopes, nudged
+from seaid.identification.joint_dynamics import drive_slopes, nudged
 from seaid.log import Log, Motion, reconstruct_motion
 from seaid.log.channels import OF_CONTROLLERS
 from seaid.log.commands import commanded_part, relative_supply
@@ -29,7 +29,12 @@ from seaid.log.motion import with_directions
 from seaid.log.usable_parts import stretches, usable
 from seaid.regressor.load import load_columns
 from seaid.robot import Robot
-from seaid.simulation.plant import jacobians_at_drives, torque_jacobians, with_joints
+from seaid.simulation.plant import (
+    jacobians_at_drives,
+    response_to,
+    torque_jacobians,
+    with_joints,
+)
 from seaid.simulation.replaying import rollout
 
 if TYPE_CHECKING:
@@ -176,9 +181,9 @@ def _sensitivity(
     # A delay that drives share takes the sum of their torques.
     by_x = H @ np.eye(len(x))[layout.load]
     force = np.where(rests[..., None], 0.0, -by_x)
-    load = LinearisedLoad(np.stack([K, C, M]), 1 / motion.rate_hz, 1)
+    response = response_to(np.stack([K, C, M]), force, 1 / motion.rate_hz, 1)
     whole = np.zeros((len(force), robot.n, len(x)))
-    whole[:, order] = load.response(force)[0, :, :, : len(x)]
+    whole[:, order] = response[0, :, :, : len(x)]
     return whole
 
 

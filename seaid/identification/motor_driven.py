@@ -36,7 +36,7 @@ from seaid.log.rows import still_speed
 from seaid.regressor.load import load_columns
 from seaid.regressor.regression import actuator_columns
 from seaid.robot import Robot
-from seaid.simulation.plant import torque_jacobians
+from seaid.simulation.plant import response_to, torque_jacobians
 
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
@@ -248,10 +248,10 @@ class MotorDriven(Outputs):
         return joint_dynamics.nudged(motion, 0), joint_dynamics.nudged(motion, 1)
 
     @cached_property
-    def linearised_load(self) -> joint_dynamics.LinearisedLoad:
-        """What pulls at the simulated joints: the bodies, and the drives against their motion.
+    def linearised_load(self) -> Array:
+        """The derivatives (3, T, S, S) of what pulls at the simulated joints, by their motion.
 
-        It is linearised about their motion.
+        That are the bodies, and the drives against their motion.
         """
         layout, eye, motion = self.layout, np.eye(len(self.joints)), self.run.motion
         model = layout.identification.model
@@ -264,7 +264,12 @@ class MotorDriven(Outputs):
         by_speed = by_speed + of_friction[:, :, None] * eye
         inside = self.jacobians[:, :, self.joints][..., self.joints]
         inside[:2] += by_position, by_speed
-        return joint_dynamics.LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
+        return inside
+
+    def response(self, force: Array) -> Array:
+        """Return the response of the simulated joints to a force (T, S, any), and free motions."""
+        step_s = 1 / self.run.motion.rate_hz
+        return response_to(self.linearised_load, force, step_s, self.run.windows)
 
     def moved(self, x: Array, part: float, nuisance: Array) -> MotorDriven:
         """Return the run with its simulated joints after a part of a step to parameters x (p,)."""
@@ -272,7 +277,7 @@ class MotorDriven(Outputs):
         force = self.load_rows_of(layout.simulated)
         # q + part dq_0 + dq/dx change + Phi(t) s: the Newton correction dq_0 of (8), the change of
         # the parameters, and free motions Phi from the changes s of each window's initial state.
-        response = self.linearised_load.response(force @ np.append(part, change)[:, None])
+        response = self.response(force @ np.append(part, change)[:, None])
         weights = np.column_stack([np.ones(len(initial)), initial])
         motion = joint_dynamics.displaced(self.run.motion, self.joints, response, weights)
         if layout.has_zeros:
@@ -310,7 +315,7 @@ class MotorDriven(Outputs):
         to satisfy it; then follow its derivatives by the parameters.
         """
         layout, run = self.layout, self.run
-        response = self.linearised_load.response(self.load_rows_of(layout.simulated))
+        response = self.response(self.load_rows_of(layout.simulated))
         torques = self.motor_torques(response), self.followed_torques(response)
         columns = np.concatenate([self.positions(response), *torques], axis=1)
         unseen = np.isin(layout.simulated, layout.unseen)
