@@ -82,10 +82,8 @@ class CommandDriven(refined_parameters.Outputs):
         # The residual is measured less simulated: its derivatives are minus the sensitivities.
         columns = np.concatenate([error, -_sensitivity(layout, robot, motion, log, x)], axis=2)
         unknown = np.zeros(error.shape[:2], dtype=bool)
-        if motion.bridged is not None:  # what was interpolated over a gap was not measured
-            unknown |= motion.bridged[:, None]
         block = max(1, round(_BLOCK_S * (len(log.time) - 1) / float(np.ptp(log.time))))
-        rows = refined_parameters.block_means(columns, unknown, log.time, 1, block, 0)
+        rows = refined_parameters.block_means(columns, unknown, motion, 1, block, 0)
         late = rows.time - log.time[0] > min(_transient_s(robot), 0.25 * np.ptp(log.time))
         return replace(rows, kept=rows.kept & late[..., None])
 

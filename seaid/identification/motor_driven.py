@@ -322,10 +322,7 @@ class MotorDriven(Outputs):
         # A joint without an encoder has no measured position: its rows never count. Positions of
         # the others count at standstill too, where only the torques are unknown.
         unknown = np.hstack([np.broadcast_to(unseen, (len(columns), len(unseen))), run.still])
-        if run.motion.bridged is not None:  # what was interpolated over a gap was not measured
-            unknown |= run.motion.bridged[:, None]
-        free, time = 2 * len(unseen), run.motion.time
-        return block_means(columns, unknown, time, run.windows, run.block, free)
+        return block_means(columns, unknown, run.motion, run.windows, run.block, 2 * len(unseen))
 
     def positions(self, response: Array) -> Array:
         """Return the columns of the encoders of the simulated joints, and of their free motions."""

@@ -286,13 +286,16 @@ LogPoint = Point[Outputs]
 
 
 def block_means(
-    columns: Array, unknown: BoolArray, time: Array, windows: int, block: int, free: int
+    columns: Array, unknown: BoolArray, motion: Motion, windows: int, block: int, free: int
 ) -> Residuals:
     """Average columns (T, C, 1 + p + s) over blocks, by which white noise stays white.
 
-    They are a residual, its derivatives by p parameters, and those by s = `free` states of each
-    window. Blocks with a sample that is `unknown` (T, C) do not count, nor does a last part block.
+    They are a residual at the samples of a motion, its derivatives by p parameters, and those by
+    s = `free` states of each window. Blocks with a sample that is `unknown` (T, C) or bridged do
+    not count, nor does a last part block.
     """
+    if motion.bridged is not None:  # what was interpolated over a gap was not measured
+        unknown = unknown | motion.bridged[:, None]
     count = len(columns) // (windows * block) * windows * block
     shape = (windows, -1, block, columns.shape[1])
     means = columns[:count].reshape(*shape, columns.shape[2]).mean(axis=2)
@@ -302,7 +305,7 @@ def block_means(
         jacobian=means[..., 1:last],
         nuisance=means[..., last:],
         kept=np.asarray(~unknown[:count].reshape(shape).any(axis=2)),
-        time=time[:count].reshape(windows, -1, block).mean(axis=2),
+        time=motion.time[:count].reshape(windows, -1, block).mean(axis=2),
         channels=range(columns.shape[1]),
     )
 
