@@ -171,12 +171,6 @@ class MotorDriven(Outputs):
         return list(map(self.known.index, self.layout.simulated))
 
     @cached_property
-    def springs(self) -> dict[str, Array]:
-        """The values of the springs whose torque is in (8)."""
-        layout = self.layout
-        return {joint: self.x[layout.spring(joint)] for joint in layout.identification.springs}
-
-    @cached_property
     def jacobians(self) -> Array:
         """The derivatives (3, T, n, n) of the inverse dynamics by the motion."""
         robot = self.layout.robot_at(self.x)
@@ -216,7 +210,7 @@ class MotorDriven(Outputs):
         """The columns of (8) of all joints with a torque."""
         layout, motion, x = self.layout, self.run.motion, self.x
         model = layout.identification.model
-        side = load_columns(self.known, motion, model, self.springs)
+        side = load_columns(self.known, motion, model, layout.springs_at(x))
         columns = np.zeros((*side.torque.shape, 1 + len(x)))
         by_x = columns[:, :, 1:]
         columns[:, :, 0] = side.residual(x[layout.load])
@@ -257,7 +251,7 @@ class MotorDriven(Outputs):
         model = layout.identification.model
         simulated = list(map(model.torque_joints.index, layout.simulated))
         slopes = joint_dynamics.drive_slopes(
-            self.known, motion, self.nudged, model, self.springs, self.x[layout.load]
+            self.known, motion, self.nudged, model, layout.springs_at(self.x), self.x[layout.load]
         )
         by_position, by_speed = (slope[:, simulated, None] * eye for slope in slopes)
         _, of_friction = self.friction_and_slopes
