@@ -36,7 +36,7 @@ from seaid.checks.terms import (
 from seaid.drives import DEAD_ZONES, PARAMETERS_OF, Drive
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import BY_TEMPERATURE, WARM_UP, parameter_named
-from seaid.errors import Finding, IdentificationError, LogError, checked, listed, unknown_name
+from seaid.errors import Finding, IdentificationError, LogError, check_name, checked, listed
 from seaid.estimation import FittedRows, estimator_named, fit
 from seaid.identification.datasets import (
     Source,
@@ -240,13 +240,10 @@ def _asked(terms: Mapping[str, Sequence[str]] | None) -> Mapping[str, Sequence[s
     if terms is None:
         return {**AT_THE_MOTOR, **AT_THE_JOINT}
     for field, names in terms.items():
-        if field not in PARAMETERS_OF:
-            raise IdentificationError("terms=: " + unknown_name("field", field, PARAMETERS_OF))
+        check_name("field", field, PARAMETERS_OF, IdentificationError, "terms=")
+        kind = f"{field.replace('_', ' ')} term"
         for name in names:
-            if name not in PARAMETERS_OF[field]:
-                kind = f"{field.replace('_', ' ')} term"
-                message = unknown_name(kind, name, PARAMETERS_OF[field])
-                raise IdentificationError(f"terms=: {message}")
+            check_name(kind, name, PARAMETERS_OF[field], IdentificationError, "terms=")
     return terms
 
 
