@@ -322,8 +322,7 @@ def _with_backlash(
     if not drive.is_elastic or has_law or not terms:
         return model
     if not finer:  # the same for every joint
-        sharp = model.robot.with_drives({joint: with_term(drive, *terms[0])})
-        groups = datasets_by_log(sharp, sources_of(logs), None)
+        groups = datasets_by_log(model.larger(joint, *terms[0]), sources_of(logs), None)
         finer += map(first_motion, chain(*groups))
     added: list[TermComparison] = []
     # The finer cutoff is for the corners of the zone alone: other terms stay at that of the motion.
@@ -355,6 +354,10 @@ class _Model:
     def load(self) -> FittedRows:
         """The fit of the load side (8)."""
         return fit(starting_load_fit(self.robot, self.motions, self.used).rows, _WLS)
+
+    def larger(self, joint: str, field: str, term: str) -> Robot:
+        """Return the robot with one more term in the drive of a joint."""
+        return self.robot.with_drives({joint: with_term(self.robot.drives[joint], field, term)})
 
     @cached_property
     def _loaded(self) -> Sequence[Motion]:
@@ -410,9 +413,8 @@ def _fixed(drive: Drive) -> Drive:
 
 def _unseen(model: _Model, joint: str, field: str, term: str) -> str:
     """Return why no log shows a term with a memory, "" if one does."""
-    larger = model.robot.with_drives({joint: with_term(model.robot.drives[joint], field, term)})
     try:
-        check_reversals(larger, model.motions, [joint])
+        check_reversals(model.larger(joint, field, term), model.motions, [joint])
     except IdentificationError as problem:
         return str(problem)
     return ""
@@ -483,9 +485,7 @@ def _with_searched_zone(
     is_elastic = drive.robot.drives[term.joint].is_elastic
     if term.term != "dead_zone" or not is_elastic or _explained(term) <= 0:
         return term
-    larger = model.robot.with_drives(
-        {term.joint: with_term(model.robot.drives[term.joint], term.field, term.term)}
-    )
+    larger = model.larger(term.joint, term.field, term.term)
     try:
         values = linearised(larger, model.motions, (term.joint,)).drives[term.joint].values
     except IdentificationError:
