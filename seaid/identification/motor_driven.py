@@ -107,22 +107,20 @@ def _in_wider_band(layout: Layout, log: Log) -> Motion:
     behind = (*layout.unseen, *layout.followed)
     # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
     # the column w' of an unknown I_M makes it too small (errors in variables).
-    noises = [_motor_noise(layout, joint, log, motion) for joint in behind]
-    is_noisy = any(torque < rotor for torque, rotor in noises)
+    is_noisy = any(_is_noisier(layout, joint, log, motion) for joint in behind)
     if is_noisy or any("motor_inertia" in layout.actuators[x].names for x in layout.unseen):
         return joint_dynamics.finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
     return motion
 
 
-def _motor_noise(layout: Layout, joint: str, log: Log, motion: Motion) -> tuple[float, float]:
-    """Return the noise of a motor torque, and of its encoder in the torque of the rotor."""
+def _is_noisier(layout: Layout, joint: str, log: Log, motion: Motion) -> bool:
+    """Whether the noise of a motor's encoder in the torque of its rotor is above the torque's."""
     # The robot has the rotor inertia of a start that does not know it, too.
     start = layout.identification
     index, drive = start.known.index(joint), start.robot.drives[joint]
-    rotor = drive.values.get("motor_inertia", 0.0) * white_noise(
-        motion.motor_acceleration[:, index]
-    )
-    return white_noise(log.motor_torque[:, index]), rotor
+    of_encoder = white_noise(motion.motor_acceleration[:, index])
+    inertia = drive.values.get("motor_inertia", 0.0)
+    return white_noise(log.motor_torque[:, index]) < inertia * of_encoder
 
 
 def _near_reversals(robot: Robot, motion: Motion, joint: str) -> BoolArray:
