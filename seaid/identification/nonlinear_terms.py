@@ -121,7 +121,7 @@ def linearised(
             continue
         start, scale = _linear_start(robot, motions, joint), scale_of(robot, motions, joint)
         search = _actuator_search(_started(robot, joint, scale, start), motions, joint)
-        grid = _grid(search.nonlinear, robot.drives[joint], start, scale)
+        grid = _grid(search.regressor.non_linear, robot.drives[joint], start, scale)
         drive = search.best(robot.drives[joint], grid, scale)
         robot = robot.with_drives({joint: search.with_fixed(drive)})
     _check_warm_up(robot, motions, searched)
@@ -167,20 +167,15 @@ class _Search:
         """The regressor of the equation of the side."""
         return self.drive.regressor(self.drive.robot, self.drive.joint)
 
-    @property
-    def nonlinear(self) -> tuple[str, ...]:
-        """The nonlinear parameters."""
-        return self.regressor.non_linear
-
     def best(self, drive: Drive, starts: Sequence[Array], scale: Scale) -> Drive:
         """Return the drive with the values of its parameters at the best of the local optima.
 
         A rotor inertia has none, with which it would be known.
         """
-        of_name = zip(self.nonlinear, np.transpose(starts).tolist(), strict=True)
+        of_name = zip(self.regressor.non_linear, np.transpose(starts).tolist(), strict=True)
         bounds = np.array([bounds_of(name, scale, values) for name, values in of_name])
         optimum = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
-        values = dict(zip(self.nonlinear, optimum.nonlinear.tolist(), strict=True))
+        values = dict(zip(self.regressor.non_linear, optimum.nonlinear.tolist(), strict=True))
         values |= dict(zip(self.linear, optimum.linear.tolist(), strict=True))
         return with_values(drive, {x: y for x, y in values.items() if x != "motor_inertia"})
 
@@ -190,12 +185,12 @@ class _Search:
         Examples are a dead zone of zero, and a Stribeck speed without Stribeck friction: the
         equations are singular in them.
         """
-        nonlinear = np.array([drive.values[name] for name in self.nonlinear])
+        nonlinear = np.array([drive.values[name] for name in self.regressor.non_linear])
         linear = np.array([drive.values.get(name, 0.0) for name in self.linear])
         columns = np.hstack([self.columns(nonlinear)[1], self.slopes(nonlinear, linear)])
-        names, fixed = (*self.linear, *self.nonlinear), list[str]()
+        names, fixed = (*self.linear, *self.regressor.non_linear), list[str]()
         levels = [level for term, level in LEVEL_OF.items() if term not in COULOMB]
-        candidates = [*self.nonlinear, *levels]
+        candidates = [*self.regressor.non_linear, *levels]
         # One at a time, since the others may be identifiable once the worst is fixed.
         while True:
             kept = [place for place, name in enumerate(names) if name not in fixed]
@@ -206,7 +201,7 @@ class _Search:
 
     def columns(self, nonlinear: Array) -> tuple[Array, Array]:
         """Return y and the drive's linear columns, with the other columns projected out."""
-        values = dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
+        values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         places = [self.regressor.linear.index(name) for name in self.linear]
         pairs = [self.regressor.given(by_name, values) for by_name in self.drive.signals]
         both = self.drive.at_rows([np.column_stack([part, H[:, places]]) for part, H in pairs])
@@ -229,10 +224,10 @@ class _Search:
     def slopes(self, nonlinear: Array, linear: Array) -> Array:
         """Return the columns of the nonlinear parameters in the same way."""
         values = {**self.regressor.drive.values}
-        values |= dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
+        values |= dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         values |= dict(zip(self.linear, linear.tolist(), strict=True))
         # `evaluate` has derivatives in these columns, d(H theta - zeta)/dv at v and theta.
-        places = [self.regressor.names.index(name) for name in self.nonlinear]
+        places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
         parts = [
             self.regressor.evaluate(by_name, values)[1][:, places] for by_name in self.drive.signals
         ]
@@ -398,9 +393,9 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
     for sweep in range(1 if len(nonlinear) == 1 else _SWEEPS):
         for joint in nonlinear:
             search, drive = _load_search(robot, motions, joint, used), robot.drives[joint]
-            starts = [np.array([drive.values[name] for name in search.nonlinear])]
+            starts = [np.array([drive.values[name] for name in search.regressor.non_linear])]
             if not sweep:
-                starts += _grid(search.nonlinear, nominal[joint], {}, scales[joint])
+                starts += _grid(search.regressor.non_linear, nominal[joint], {}, scales[joint])
             robot = robot.with_drives({joint: search.best(drive, starts, scales[joint])})
     for joint in nonlinear:
         search = _load_search(robot, motions, joint, used)
