@@ -267,7 +267,6 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
             joint,
             evidence={"largest velocity command": largest},
             remedy=codes.in_drives({(joint, "controller"): line}, only="if the drive gets them"),
-            certainty="possible",
         )
 
 
