@@ -28,9 +28,6 @@ from seaid.robot import Robot, torques_at_drives
 Grids = Mapping[str, Sequence[float]]
 """{nonlinear parameter: the values that are tried}."""
 
-NO_GRIDS: Grids = FrozenMapping({})
-"""Each parameter has its own grid."""
-
 _DIRECTED = tuple(chain.from_iterable(PARAMETERS_OF["friction"][term] for term in DRY))
 """Parameters of friction whose columns have the sign of the speed, or its tanh."""
 
@@ -119,7 +116,7 @@ class DriveRows:
         names = enumerate(self.rows.names)
         return {place: x.quantity for place, x in names if x.owner in ("", self.joint)}
 
-    def terms(self, field: str, term: str, grids: Grids = NO_GRIDS) -> Iterator[engine.Alternative]:
+    def terms(self, field: str, term: str, grids: Grids) -> Iterator[engine.Alternative]:
         """Yield a term at each point of its grid; `grids` {parameter: values} replace its own."""
         drive = self.robot.drives[self.joint]
         larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
@@ -263,7 +260,7 @@ def load_drive(
 
 
 def term_candidates(
-    drive: DriveRows, terms: Iterable[tuple[str, str]], grids: Grids = NO_GRIDS
+    drive: DriveRows, terms: Iterable[tuple[str, str]], grids: Grids
 ) -> list[engine.Candidate]:
     """Return terms (field, term) of a drive as candidates."""
     return [engine.Candidate(drive.joint, *x, partial(drive.terms, *x, grids)) for x in terms]

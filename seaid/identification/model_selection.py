@@ -24,9 +24,7 @@ from seaid.checks.columns import Side, backlash, included_term
 from seaid.checks.engine import Trial, best_of, best_trial
 from seaid.checks.model import SideSelection
 from seaid.checks.terms import (
-    NO_GRIDS,
     DriveRows,
-    Grids,
     duration_s,
     possible_terms,
     reference_position,
@@ -429,7 +427,7 @@ def _compared(
     terms: Sequence[tuple[str, str]],
     count: int,
     step: int,
-    grids: Grids = NO_GRIDS,
+    grids: Mapping[str, Sequence[float]] = FrozenMapping({}),
 ) -> list[TermComparison]:
     """Return the comparison of each term (field, term) of a drive, at the best point of its grid.
 
