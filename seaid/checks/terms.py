@@ -270,13 +270,12 @@ def term_candidates(
 class Scale:
     """What starts of nonlinear parameters are multiples of, at one joint.
 
-    Largest motor speed [rad/s], half range of the motor angle [rad], duration of the longest log
-    [s], and middle and half range of the deflection.
+    `sizes` {unit: size} are the largest motor speed [rad/s], the half range of the motor angle
+    [rad], and the duration of the longest log [s]; then follow the middle and the half range of the
+    deflection.
     """
 
-    largest_speed: float
-    half_angle: float
-    duration: float
+    sizes: Mapping[str, float]
     middle_deflection: float
     half_deflection: float
 
@@ -292,7 +291,8 @@ def scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
         reached = np.concatenate([deflection(drive, x["theta_M"], x["theta_L"]) for x in signals])
         low, high = float(np.min(reached)), float(np.max(reached))
         middle, half = 0.5 * (low + high), max(0.5 * (high - low), 1e-12)
-    return Scale(max(speed, 1e-9), max(angle, 1e-12), duration_s(motions), middle, half)
+    sizes = {"rad/s": max(speed, 1e-9), "rad": max(angle, 1e-12), "s": duration_s(motions)}
+    return Scale(sizes, middle, half)
 
 
 def duration_s(motions: Sequence[Motion]) -> float:
@@ -302,8 +302,7 @@ def duration_s(motions: Sequence[Motion]) -> float:
 
 def size_of(name: str, scale: Scale) -> float:
     """Return the size that the `starts` of a nonlinear parameter are multiples of."""
-    sizes = {"rad/s": scale.largest_speed, "rad": scale.half_angle, "s": scale.duration}
-    return sizes.get(PARAMETERS[name].unit, scale.half_deflection)
+    return scale.sizes.get(PARAMETERS[name].unit, scale.half_deflection)
 
 
 def toml_of(drive: Drive, field: str, terms: Iterable[str], values: Mapping[str, float]) -> str:
