@@ -60,6 +60,10 @@ _SEEN = 1e-3
 """Largest entry of the column of a friction level, of 1, below which no row determines it."""
 
 
+_LEVELS = tuple(level for term, level in LEVEL_OF.items() if term not in COULOMB)
+"""Levels of friction that may go with the shape of their term."""
+
+
 def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | None:
     """Return the candidate with the largest share of a lost combination, None if none is lost."""
     may_go = np.array([name in candidates for name in names])
@@ -189,8 +193,7 @@ class _Search:
         linear = np.array([drive.values.get(name, 0.0) for name in self.linear])
         columns = np.hstack([self.columns(nonlinear)[1], self.slopes(nonlinear, linear)])
         names, fixed = (*self.linear, *self.regressor.non_linear), list[str]()
-        levels = [level for term, level in LEVEL_OF.items() if term not in COULOMB]
-        candidates = [*self.regressor.non_linear, *levels]
+        candidates = [*self.regressor.non_linear, *_LEVELS]
         # One at a time, since the others may be identifiable once the worst is fixed.
         while True:
             kept = [place for place, name in enumerate(names) if name not in fixed]
