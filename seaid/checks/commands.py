@@ -29,6 +29,7 @@ from seaid.estimation.parameters import buses_of, is_stated
 from seaid.estimation.qr_factor import residual_of
 from seaid.log import Log
 from seaid.log.commands import with_commanded_torque
+from seaid.log.describe.inference import correlation
 from seaid.log.description import changed_source
 from seaid.robot import Robot
 
@@ -85,7 +86,7 @@ def _commanded(robot: Robot, log: Log) -> Iterator[Commanded]:
 def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding]:
     """Yield two joints of which each follows the command of the other one and not its own."""
     pairs = [(first, second), (second, first), (first, first), (second, second)]
-    crossed, other, *own = (_correlation(x.command, y.position) for x, y in pairs)
+    crossed, other, *own = (correlation(x.command, y.position) for x, y in pairs)
     if min(crossed, other) <= 1 - tol.POOR or max(own) >= tol.MOST:
         return
     name, sources = "position_command", first.log.sources()
@@ -119,7 +120,7 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
     Lag and resonance change a range by less than a factor of exp(1/2).
     """
     command, position, joint = commanded.command, commanded.position, commanded.joint
-    r = _correlation(command, position)
+    r = correlation(command, position)
     if abs(r) < tol.MOST:
         return
     name, factor, times = "position_command", -1.0, float(np.std(command) / np.std(position))
@@ -267,7 +268,6 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
             joint,
             evidence={"largest velocity command": largest},
             remedy=codes.in_drives({(joint, "controller"): line}, only="if the drive gets them"),
-            certainty="possible",
         )
 
 
@@ -325,7 +325,7 @@ def _computed(robot: Robot, log: Log, quantity: str) -> Iterator[tuple[codes.Cha
         if drive is not None and drive.controller is None:
             error = _tracking_error(log, channel.joint, drive.ratio)
             is_magnitude = count >= tol.EVENTS or _is_folded(error, channel.values)
-            if is_magnitude or abs(_correlation(error, channel.values)) >= 1 - tol.FEW:
+            if is_magnitude or abs(correlation(error, channel.values)) >= 1 - tol.FEW:
                 yield channel, error, is_magnitude
 
 
@@ -345,7 +345,7 @@ def _no_measurement(
     channel: codes.Channel, drive: Drive, error: Array, is_magnitude: bool, others: Sequence[str]
 ) -> Finding:
     """Return the finding of a torque or current that is a magnitude, or computed from the error."""
-    torque, r = channel.values, abs(_correlation(error, channel.values))
+    torque, r = channel.values, abs(correlation(error, channel.values))
     known = "20.0  # write the gain of your controller"
     what = "has no sign: it is a magnitude and returns to zero without crossing it"
     if not is_magnitude:
@@ -422,13 +422,6 @@ def _is_friction(experiment: Experiment, j: int) -> bool:
     return rest < tol.SEVERE * float(np.std(torque))
 
 
-def _correlation(first: Array, second: Array) -> float:
-    """Return the correlation of two channels (T,), zero for constant ones and unknown ones."""
-    if len(first) == 0 or is_constant(first) or is_constant(second) or np.isnan(first[0]):
-        return 0.0
-    return float(np.corrcoef(first, second)[0, 1])
-
-
 def is_unsigned(torque: Array) -> bool:
     """Whether a channel (T,) is never negative, but for what resampling leaves."""
     return bool(np.min(torque) >= -tol.NEGLIGIBLE * np.percentile(np.abs(torque), 99))
@@ -468,7 +461,7 @@ def _is_folded(error: Array, torque: Array) -> bool:
     if np.isnan(error[0]) or not is_unsigned(torque):
         return False
     return all(
-        np.mean(part) >= tol.SLIGHT and side * _correlation(error[part], torque[part]) >= tol.MOST
+        np.mean(part) >= tol.SLIGHT and side * correlation(error[part], torque[part]) >= tol.MOST
         for side, part in ((1, error > 0), (-1, error < 0))
     )
 

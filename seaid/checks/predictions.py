@@ -263,14 +263,13 @@ def unseen_resonance(
         reason = f"no resonance stands out up to {top:.3g} Hz; it is above that, or inside the "
         reason += f"noise, which is {noise:.2g} of the response there"
         remedy = f"excite up to {2 * top:.3g} Hz, logged at {6 * top:.3g} Hz or more; or {louder}"
-    yield CODES["hidden-resonance"].finding(
+    yield CODES["hidden-resonance"].wrong(
         f"the response of {joint} does not determine its spring (relative standard error "
         f"{error:.2g}): {reason}",
         joint,
-        "wrong",
-        {"relative_standard_error": error, "expected_hz": expected_hz, "highest_hz": top},
-        remedy,
-        "likely" if math.isfinite(expected_hz) else "possible",
+        evidence={"relative_standard_error": error, "expected_hz": expected_hz, "highest_hz": top},
+        remedy=remedy,
+        certainty="likely" if math.isfinite(expected_hz) else "possible",
     )
 
 

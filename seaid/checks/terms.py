@@ -28,9 +28,6 @@ from seaid.robot import Robot, torques_at_drives
 Grids = Mapping[str, Sequence[float]]
 """{nonlinear parameter: the values that are tried}."""
 
-NO_GRIDS: Grids = FrozenMapping({})
-"""Each parameter has its own grid."""
-
 _DIRECTED = tuple(chain.from_iterable(PARAMETERS_OF["friction"][term] for term in DRY))
 """Parameters of friction whose columns have the sign of the speed, or its tanh."""
 
@@ -106,20 +103,20 @@ class DriveRows:
     @cached_property
     def values(self) -> dict[str, float]:
         """The fitted values of the drive."""
-        fitted = {name: float(self.theta[place]) for place, name in self._parameters.items()}
+        fitted = {name: float(self.theta[place]) for place, name in self.parameters.items()}
         return {**self.robot.drives[self.joint].values, **fitted}
 
     def has_parameter(self, name: str) -> bool:
         """Whether a parameter of the drive is one of the rows."""
-        return name in self._parameters.values()
+        return name in self.parameters.values()
 
     @cached_property
-    def _parameters(self) -> dict[int, str]:
+    def parameters(self) -> dict[int, str]:
         """The parameters of the drive by their places among those of the rows."""
         names = enumerate(self.rows.names)
         return {place: x.quantity for place, x in names if x.owner in ("", self.joint)}
 
-    def terms(self, field: str, term: str, grids: Grids = NO_GRIDS) -> Iterator[engine.Alternative]:
+    def terms(self, field: str, term: str, grids: Grids) -> Iterator[engine.Alternative]:
         """Yield a term at each point of its grid; `grids` {parameter: values} replace its own."""
         drive = self.robot.drives[self.joint]
         larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
@@ -136,8 +133,8 @@ class DriveRows:
         if not added and not grid:  # no part of this equation
             return
         # A law that replaces the sign of the speed replaces the columns of the fit that have it.
-        is_changed = map(changed.__contains__, self._parameters.values())
-        places = tuple(compress(self._parameters, is_changed))
+        is_changed = map(changed.__contains__, self.parameters.values())
+        places = tuple(compress(self.parameters, is_changed))
         names = *changed, *added
         # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
@@ -263,7 +260,7 @@ def load_drive(
 
 
 def term_candidates(
-    drive: DriveRows, terms: Iterable[tuple[str, str]], grids: Grids = NO_GRIDS
+    drive: DriveRows, terms: Iterable[tuple[str, str]], grids: Grids
 ) -> list[engine.Candidate]:
     """Return terms (field, term) of a drive as candidates."""
     return [engine.Candidate(drive.joint, *x, partial(drive.terms, *x, grids)) for x in terms]
@@ -273,13 +270,12 @@ def term_candidates(
 class Scale:
     """What starts of nonlinear parameters are multiples of, at one joint.
 
-    Largest motor speed [rad/s], half range of the motor angle [rad], duration of the longest log
-    [s], and middle and half range of the deflection.
+    `sizes` {unit: size} are the largest motor speed [rad/s], the half range of the motor angle
+    [rad], and the duration of the longest log [s]; then follow the middle and the half range of the
+    deflection.
     """
 
-    largest_speed: float
-    half_angle: float
-    duration: float
+    sizes: Mapping[str, float]
     middle_deflection: float
     half_deflection: float
 
@@ -295,7 +291,8 @@ def scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
         reached = np.concatenate([deflection(drive, x["theta_M"], x["theta_L"]) for x in signals])
         low, high = float(np.min(reached)), float(np.max(reached))
         middle, half = 0.5 * (low + high), max(0.5 * (high - low), 1e-12)
-    return Scale(max(speed, 1e-9), max(angle, 1e-12), duration_s(motions), middle, half)
+    sizes = {"rad/s": max(speed, 1e-9), "rad": max(angle, 1e-12), "s": duration_s(motions)}
+    return Scale(sizes, middle, half)
 
 
 def duration_s(motions: Sequence[Motion]) -> float:
@@ -305,8 +302,7 @@ def duration_s(motions: Sequence[Motion]) -> float:
 
 def size_of(name: str, scale: Scale) -> float:
     """Return the size that the `starts` of a nonlinear parameter are multiples of."""
-    sizes = {"rad/s": scale.largest_speed, "rad": scale.half_angle, "s": scale.duration}
-    return sizes.get(PARAMETERS[name].unit, scale.half_deflection)
+    return scale.sizes.get(PARAMETERS[name].unit, scale.half_deflection)
 
 
 def toml_of(drive: Drive, field: str, terms: Iterable[str], values: Mapping[str, float]) -> str:

@@ -162,13 +162,10 @@ _ZEROS = (
 )
 """Parameters whose true value may be zero, so that a relative error is meaningless."""
 
-_CONSTANTS = (*MOTOR_CONSTANTS.values(),)
-"""Motor constants K: where the load or a sensor determines one, (7) has the stiffness over it."""
-
 _POSITIVE = {name for name, kind in PARAMETERS.items() if kind.is_positive}
 """Parameters that are not negative in a drive."""
 
-_OF_TORQUE = (*_CONSTANTS, "stiffness")
+_OF_TORQUE = (*MOTOR_CONSTANTS.values(), "stiffness")
 """Parameters that are negative where a channel of the log has the opposite sign."""
 
 
@@ -228,8 +225,8 @@ def _scattering_constant(estimate: Estimate) -> str:
     Where k is known from the load, noise in the deflection is in K.
     """
     sizes = dict(zip(estimate.names, estimate.relative_standard_errors, strict=True))
-    constants = [name for name in _CONSTANTS if sizes.get(name, 0.0) > sizes["stiffness"]]
-    return constants[0] if constants else ""
+    larger = (x for x in MOTOR_CONSTANTS.values() if sizes.get(x, 0.0) > sizes["stiffness"])
+    return next(larger, "")
 
 
 def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> Iterator[Finding]:
@@ -518,7 +515,15 @@ def unused_findings(
 
     The torques of the joints that are `used` are in the equations.
     """
-    yield from _without_motor_equation(robot, drives)
+    for joint in robot.elastic_joints:
+        names = motor_regressor(robot, joint).names
+        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
+        if missing:
+            yield CODES["unidentifiable"].note(
+                f"the log has the joint torque of {joint} and not its motor "
+                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
+                joint,
+            )
     inputs = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in used}
     logged = _logged_torques(robot, motions)
     for channel, joints in logged.items():
@@ -530,18 +535,6 @@ def unused_findings(
             name = channel.replace("_", " ")
             message = f"the {name} of {listed(unused)} is in the log and in no equation"
             yield CODES["unused-channel"].note(message, only_joint(unused))
-
-
-def _without_motor_equation(robot: Robot, drives: Mapping[str, Estimate]) -> Iterator[Finding]:
-    for joint in robot.elastic_joints:
-        names = motor_regressor(robot, joint).names
-        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
-        if missing:
-            yield CODES["unidentifiable"].note(
-                f"the log has the joint torque of {joint} and not its motor "
-                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
-                joint,
-            )
 
 
 def _logged_torques(robot: Robot, motions: Sequence[Motion]) -> dict[str, list[str]]:

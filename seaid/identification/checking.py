@@ -299,12 +299,8 @@ def standing_joints(
 
 def _joint_moves(logs: Sequence[Log], joint: str) -> bool:
     """Whether an encoder of a joint, or the one of its motor, moves in a log."""
-    sides = [
-        position[:, log.joint_names.index(joint)]
-        for log in logs
-        for position in (log.joint_position, log.motor_position)
-    ]
-    return any(np.all(np.isfinite(side)) and _moves(side) for side in sides)
+    sides, logged = ("joint_position", "motor_position"), [log.logged(joint) for log in logs]
+    return any(_moves(channels[side]) for channels in logged for side in sides if side in channels)
 
 
 def _drive_moves(robot: Robot, logs: Sequence[Log], motions: Sequence[Motion], joint: str) -> bool:

@@ -20,7 +20,7 @@ from seaid.errors import IdentificationError
 from seaid.estimation.nonlinear_least_squares import Point, Residuals
 from seaid.identification import refined_parameters
 from seaid.identification.datasets import Dataset, first_motion
-from seaid.identification.joint_dynamics import LinearisedLoad, drive_slopes, nudged
+from seaid.identification.joint_dynamics import drive_slopes, nudged
 from seaid.log import Log, Motion, reconstruct_motion
 from seaid.log.channels import OF_CONTROLLERS
 from seaid.log.commands import commanded_part, relative_supply
@@ -29,7 +29,12 @@ from seaid.log.motion import with_directions
 from seaid.log.usable_parts import stretches, usable
 from seaid.regressor.load import load_columns
 from seaid.robot import Robot
-from seaid.simulation.plant import jacobians_at_drives, torque_jacobians, with_joints
+from seaid.simulation.plant import (
+    jacobians_at_drives,
+    response_to,
+    torque_jacobians,
+    with_joints,
+)
 from seaid.simulation.replaying import rollout
 
 if TYPE_CHECKING:
@@ -77,10 +82,8 @@ class CommandDriven(refined_parameters.Outputs):
         # The residual is measured less simulated: its derivatives are minus the sensitivities.
         columns = np.concatenate([error, -_sensitivity(layout, robot, motion, log, x)], axis=2)
         unknown = np.zeros(error.shape[:2], dtype=bool)
-        if motion.bridged is not None:  # what was interpolated over a gap was not measured
-            unknown |= motion.bridged[:, None]
         block = max(1, round(_BLOCK_S * (len(log.time) - 1) / float(np.ptp(log.time))))
-        rows = refined_parameters.block_means(columns, unknown, log.time, 1, block, 0)
+        rows = refined_parameters.block_means(columns, unknown, motion, 1, block, 0)
         late = rows.time - log.time[0] > min(_transient_s(robot), 0.25 * np.ptp(log.time))
         return replace(rows, kept=rows.kept & late[..., None])
 
@@ -176,9 +179,9 @@ def _sensitivity(
     # A delay that drives share takes the sum of their torques.
     by_x = H @ np.eye(len(x))[layout.load]
     force = np.where(rests[..., None], 0.0, -by_x)
-    load = LinearisedLoad(np.stack([K, C, M]), 1 / motion.rate_hz, 1)
+    response = response_to(np.stack([K, C, M]), force, 1 / motion.rate_hz, 1)
     whole = np.zeros((len(force), robot.n, len(x)))
-    whole[:, order] = load.response(force)[0, :, :, : len(x)]
+    whole[:, order] = response[0, :, :, : len(x)]
     return whole
 
 

@@ -136,9 +136,10 @@ def feasible_parameters(
         point = sdp.of_least_risk(program, bound.chi_square)
     else:
         point = sdp.regularised(program, max(weight, sdp.WEIGHTS[-1]))
+    consistent = _robot(robot, model, known, point)
     return FeasibleParameters(
-        robot=_robot(robot, model, known, point),
-        parameters=_bodies(robot, point),
+        robot=consistent,
+        parameters=consistent.parameters,
         names=known.names,
         units=known.units,
         values=point.values,
@@ -155,13 +156,8 @@ def feasible_parameters(
     )
 
 
-def _bodies(robot: Robot, point: sdp.FeasiblePoint) -> Array:
-    """Return the standard parameters (10n,) of a feasible point, known ones as they are."""
-    return np.where(robot.is_known, robot.parameters, point.unknowns[: robot.parameters.size])
-
-
 def _robot(robot: Robot, model: LoadModel, known: Estimate, point: sdp.FeasiblePoint) -> Robot:
-    """Return the robot with consistent bodies and the identified drives."""
+    """Return the robot with consistent bodies, known ones as they are, and identified drives."""
     m, names = robot.parameters.size, dict(zip(known.names, point.values, strict=True))
     for (joint, name, _), value in zip(model.absorbed, point.unknowns[m:], strict=False):
         names[ParameterName(name, joint)] = value
@@ -169,7 +165,8 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, point: sdp.FeasibleP
     for joint, drive in robot.drives.items():
         own = {name.quantity: value for name, value in names.items() if name.owner == joint}
         drives[joint] = with_values(drive, own)
-    return robot.with_values(_bodies(robot, point), drives)
+    bodies = np.where(robot.is_known, robot.parameters, point.unknowns[:m])
+    return robot.with_values(bodies, drives)
 
 
 def _active_bounds(robot: Robot, point: sdp.FeasiblePoint, words: list[str]) -> tuple[str, ...]:

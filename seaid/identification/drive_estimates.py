@@ -12,7 +12,7 @@ the motor equation, a torque sensor behind the gear in (4b), or known bodies in 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -352,26 +352,18 @@ def fit_constants(
         fitted = fit(rows, estimator, None, change, check_scale)
     except UnknownScaleError:
         raise next(iter(unscaled.values())) from None
-    for joint in _without_scale(fitted, constants):
-        raise unscaled[joint]
+    # An equation without a known torque is homogeneous. With a little less of everything in it its
+    # residual is smaller and its weight larger, and so on, until the weights have made it zero.
+    equal = solve(fitted.qr_factor, equal_weights(fitted.qr_factor)).values
+    for joint, name in constants.items():
+        place = fitted.qr_factor.names.index(name)
+        if abs(fitted.estimate.values[place]) < _RUN_AWAY * abs(equal[place]):
+            raise unscaled[joint]
     return fitted
 
 
 _RUN_AWAY = 1e-6
 """Part of the constant of equal weights below which that of settled ones is none."""
-
-
-def _without_scale(fitted: FittedRows, constants: Mapping[str, ParameterName]) -> Iterator[str]:
-    """Yield the joints {joint: its constant} whose equations the weights have made zero.
-
-    An equation without a known torque is homogeneous. With a little less of everything in it its
-    residual is smaller and its weight larger, and so on, until all of it is zero.
-    """
-    equal = solve(fitted.qr_factor, equal_weights(fitted.qr_factor)).values
-    for joint, name in constants.items():
-        place = fitted.qr_factor.names.index(name)
-        if abs(fitted.estimate.values[place]) < _RUN_AWAY * abs(equal[place]):
-            yield joint
 
 
 def with_constant_columns(

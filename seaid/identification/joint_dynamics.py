@@ -2,15 +2,16 @@
 
 At the joints pull the bodies and, against their motion, the drives: (8) is linearised along the
 motion. A force on the joints, such as the residual of (8) or its derivative by a parameter, gives
-their response, to which free motions from the initial states of each window are added. The two
-simulators of `refine`, `motor_driven` and `command_driven`, are made of this.
+their response (`response_to` of the plant), to which free motions from the initial states of each
+window are added. The two simulators of `refine`, `motor_driven` and `command_driven`, are made of
+this.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,40 +20,15 @@ from seaid.log import Motion, low_pass
 from seaid.log.filtering import spline_derivatives
 from seaid.regressor.load import LoadModel, drive_torques
 from seaid.robot import Robot, at_drives, at_joints
-from seaid.simulation.plant import response_to, with_joints
-
-if TYPE_CHECKING:
-    pass
-
-
-@dataclass(frozen=True, eq=False)
-class LinearisedLoad:
-    """The linearised load side (8) of simulated joints: `inside` moves by a force on them.
-
-    It has the derivatives (3, T, joints, joints) of torques by the states. Steps of `step_s` are
-    in equally long `windows`, of which the last one may be shorter.
-    """
-
-    inside: Array
-    step_s: float
-    windows: int
-
-    def response(self, force: Array) -> Array:
-        """Return the response of the joints to a force (T, joints, any), and free motions."""
-        # The last window is filled with its last sample.
-        padding = ((0, -len(force) % self.windows), (0, 0), (0, 0))
-        jacobians = np.pad(self.inside, ((0, 0), *padding), mode="edge")
-        filled = np.pad(force, padding, mode="edge")
-        return response_to(jacobians, filled, self.step_s, self.windows)[:, : len(force)]
+from seaid.simulation.plant import with_joints
 
 
 def displaced(motion: Motion, joints: list[int], response: Array, weights: Array) -> Motion:
     """Return a motion with the columns of a response of its joints added, by weights (W, columns).
 
-    There is a row of weights for each window.
+    There is a row of weights for each of the windows, which are equally long.
     """
-    length = -(-len(motion.time) // len(weights))
-    by_sample = np.repeat(weights, length, axis=0)[: len(motion.time)]
+    by_sample = np.repeat(weights, len(motion.time) // len(weights), axis=0)
     states = [
         state[:, joints] + np.einsum("tjc,tc->tj", part, by_sample)
         for state, part in zip(motion.joint_states, response, strict=True)

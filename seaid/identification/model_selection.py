@@ -24,9 +24,7 @@ from seaid.checks.columns import Side, backlash, included_term
 from seaid.checks.engine import Trial, best_of, best_trial
 from seaid.checks.model import SideSelection
 from seaid.checks.terms import (
-    NO_GRIDS,
     DriveRows,
-    Grids,
     duration_s,
     possible_terms,
     reference_position,
@@ -36,7 +34,7 @@ from seaid.checks.terms import (
 from seaid.drives import DEAD_ZONES, PARAMETERS_OF, Drive
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import BY_TEMPERATURE, WARM_UP, parameter_named
-from seaid.errors import Finding, IdentificationError, LogError, checked, listed, unknown_name
+from seaid.errors import Finding, IdentificationError, LogError, check_name, checked, listed
 from seaid.estimation import FittedRows, estimator_named, fit
 from seaid.identification.datasets import (
     Source,
@@ -240,13 +238,10 @@ def _asked(terms: Mapping[str, Sequence[str]] | None) -> Mapping[str, Sequence[s
     if terms is None:
         return {**AT_THE_MOTOR, **AT_THE_JOINT}
     for field, names in terms.items():
-        if field not in PARAMETERS_OF:
-            raise IdentificationError("terms=: " + unknown_name("field", field, PARAMETERS_OF))
+        check_name("field", field, PARAMETERS_OF, IdentificationError, "terms=")
+        kind = f"{field.replace('_', ' ')} term"
         for name in names:
-            if name not in PARAMETERS_OF[field]:
-                kind = f"{field.replace('_', ' ')} term"
-                message = unknown_name(kind, name, PARAMETERS_OF[field])
-                raise IdentificationError(f"terms=: {message}")
+            check_name(kind, name, PARAMETERS_OF[field], IdentificationError, "terms=")
     return terms
 
 
@@ -325,8 +320,7 @@ def _with_backlash(
     if not drive.is_elastic or has_law or not terms:
         return model
     if not finer:  # the same for every joint
-        sharp = model.robot.with_drives({joint: with_term(drive, *terms[0])})
-        groups = datasets_by_log(sharp, sources_of(logs), None)
+        groups = datasets_by_log(model.larger(joint, *terms[0]), sources_of(logs), None)
         finer += map(first_motion, chain(*groups))
     added: list[TermComparison] = []
     # The finer cutoff is for the corners of the zone alone: other terms stay at that of the motion.
@@ -358,6 +352,10 @@ class _Model:
     def load(self) -> FittedRows:
         """The fit of the load side (8)."""
         return fit(starting_load_fit(self.robot, self.motions, self.used).rows, _WLS)
+
+    def larger(self, joint: str, field: str, term: str) -> Robot:
+        """Return the robot with one more term in the drive of a joint."""
+        return self.robot.with_drives({joint: with_term(self.robot.drives[joint], field, term)})
 
     @cached_property
     def _loaded(self) -> Sequence[Motion]:
@@ -413,9 +411,8 @@ def _fixed(drive: Drive) -> Drive:
 
 def _unseen(model: _Model, joint: str, field: str, term: str) -> str:
     """Return why no log shows a term with a memory, "" if one does."""
-    larger = model.robot.with_drives({joint: with_term(model.robot.drives[joint], field, term)})
     try:
-        check_reversals(larger, model.motions, [joint])
+        check_reversals(model.larger(joint, field, term), model.motions, [joint])
     except IdentificationError as problem:
         return str(problem)
     return ""
@@ -430,7 +427,7 @@ def _compared(
     terms: Sequence[tuple[str, str]],
     count: int,
     step: int,
-    grids: Grids = NO_GRIDS,
+    grids: Mapping[str, Sequence[float]] = FrozenMapping({}),
 ) -> list[TermComparison]:
     """Return the comparison of each term (field, term) of a drive, at the best point of its grid.
 
@@ -486,9 +483,7 @@ def _with_searched_zone(
     is_elastic = drive.robot.drives[term.joint].is_elastic
     if term.term != "dead_zone" or not is_elastic or _explained(term) <= 0:
         return term
-    larger = model.robot.with_drives(
-        {term.joint: with_term(model.robot.drives[term.joint], term.field, term.term)}
-    )
+    larger = model.larger(term.joint, term.field, term.term)
     try:
         values = linearised(larger, model.motions, (term.joint,)).drives[term.joint].values
     except IdentificationError:

@@ -36,7 +36,7 @@ from seaid.log.rows import still_speed
 from seaid.regressor.load import load_columns
 from seaid.regressor.regression import actuator_columns
 from seaid.robot import Robot
-from seaid.simulation.plant import torque_jacobians
+from seaid.simulation.plant import response_to, torque_jacobians
 
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
@@ -107,22 +107,20 @@ def _in_wider_band(layout: Layout, log: Log) -> Motion:
     behind = (*layout.unseen, *layout.followed)
     # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
     # the column w' of an unknown I_M makes it too small (errors in variables).
-    noises = [_motor_noise(layout, joint, log, motion) for joint in behind]
-    is_noisy = any(torque < rotor for torque, rotor in noises)
+    is_noisy = any(_is_noisier(layout, joint, log, motion) for joint in behind)
     if is_noisy or any("motor_inertia" in layout.actuators[x].names for x in layout.unseen):
         return joint_dynamics.finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
     return motion
 
 
-def _motor_noise(layout: Layout, joint: str, log: Log, motion: Motion) -> tuple[float, float]:
-    """Return the noise of a motor torque, and of its encoder in the torque of the rotor."""
+def _is_noisier(layout: Layout, joint: str, log: Log, motion: Motion) -> bool:
+    """Whether the noise of a motor's encoder in the torque of its rotor is above the torque's."""
     # The robot has the rotor inertia of a start that does not know it, too.
     start = layout.identification
     index, drive = start.known.index(joint), start.robot.drives[joint]
-    rotor = drive.values.get("motor_inertia", 0.0) * white_noise(
-        motion.motor_acceleration[:, index]
-    )
-    return white_noise(log.motor_torque[:, index]), rotor
+    of_encoder = white_noise(motion.motor_acceleration[:, index])
+    inertia = drive.values.get("motor_inertia", 0.0)
+    return white_noise(log.motor_torque[:, index]) < inertia * of_encoder
 
 
 def _near_reversals(robot: Robot, motion: Motion, joint: str) -> BoolArray:
@@ -171,12 +169,6 @@ class MotorDriven(Outputs):
         return list(map(self.known.index, self.layout.simulated))
 
     @cached_property
-    def springs(self) -> dict[str, Array]:
-        """The values of the springs whose torque is in (8)."""
-        layout = self.layout
-        return {joint: self.x[layout.spring(joint)] for joint in layout.identification.springs}
-
-    @cached_property
     def jacobians(self) -> Array:
         """The derivatives (3, T, n, n) of the inverse dynamics by the motion."""
         robot = self.layout.robot_at(self.x)
@@ -216,7 +208,7 @@ class MotorDriven(Outputs):
         """The columns of (8) of all joints with a torque."""
         layout, motion, x = self.layout, self.run.motion, self.x
         model = layout.identification.model
-        side = load_columns(self.known, motion, model, self.springs)
+        side = load_columns(self.known, motion, model, layout.springs_at(x))
         columns = np.zeros((*side.torque.shape, 1 + len(x)))
         by_x = columns[:, :, 1:]
         columns[:, :, 0] = side.residual(x[layout.load])
@@ -248,23 +240,28 @@ class MotorDriven(Outputs):
         return joint_dynamics.nudged(motion, 0), joint_dynamics.nudged(motion, 1)
 
     @cached_property
-    def linearised_load(self) -> joint_dynamics.LinearisedLoad:
-        """What pulls at the simulated joints: the bodies, and the drives against their motion.
+    def linearised_load(self) -> Array:
+        """The derivatives (3, T, S, S) of what pulls at the simulated joints, by their motion.
 
-        It is linearised about their motion.
+        That are the bodies, and the drives against their motion.
         """
         layout, eye, motion = self.layout, np.eye(len(self.joints)), self.run.motion
         model = layout.identification.model
         simulated = list(map(model.torque_joints.index, layout.simulated))
         slopes = joint_dynamics.drive_slopes(
-            self.known, motion, self.nudged, model, self.springs, self.x[layout.load]
+            self.known, motion, self.nudged, model, layout.springs_at(self.x), self.x[layout.load]
         )
         by_position, by_speed = (slope[:, simulated, None] * eye for slope in slopes)
         _, of_friction = self.friction_and_slopes
         by_speed = by_speed + of_friction[:, :, None] * eye
         inside = self.jacobians[:, :, self.joints][..., self.joints]
         inside[:2] += by_position, by_speed
-        return joint_dynamics.LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
+        return inside
+
+    def response(self, force: Array) -> Array:
+        """Return the response of the simulated joints to a force (T, S, any), and free motions."""
+        step_s = 1 / self.run.motion.rate_hz
+        return response_to(self.linearised_load, force, step_s, self.run.windows)
 
     def moved(self, x: Array, part: float, nuisance: Array) -> MotorDriven:
         """Return the run with its simulated joints after a part of a step to parameters x (p,)."""
@@ -272,7 +269,7 @@ class MotorDriven(Outputs):
         force = self.load_rows_of(layout.simulated)
         # q + part dq_0 + dq/dx change + Phi(t) s: the Newton correction dq_0 of (8), the change of
         # the parameters, and free motions Phi from the changes s of each window's initial state.
-        response = self.linearised_load.response(force @ np.append(part, change)[:, None])
+        response = self.response(force @ np.append(part, change)[:, None])
         weights = np.column_stack([np.ones(len(initial)), initial])
         motion = joint_dynamics.displaced(self.run.motion, self.joints, response, weights)
         if layout.has_zeros:
@@ -310,17 +307,14 @@ class MotorDriven(Outputs):
         to satisfy it; then follow its derivatives by the parameters.
         """
         layout, run = self.layout, self.run
-        response = self.linearised_load.response(self.load_rows_of(layout.simulated))
+        response = self.response(self.load_rows_of(layout.simulated))
         torques = self.motor_torques(response), self.followed_torques(response)
         columns = np.concatenate([self.positions(response), *torques], axis=1)
         unseen = np.isin(layout.simulated, layout.unseen)
         # A joint without an encoder has no measured position: its rows never count. Positions of
         # the others count at standstill too, where only the torques are unknown.
         unknown = np.hstack([np.broadcast_to(unseen, (len(columns), len(unseen))), run.still])
-        if run.motion.bridged is not None:  # what was interpolated over a gap was not measured
-            unknown |= run.motion.bridged[:, None]
-        free, time = 2 * len(unseen), run.motion.time
-        return block_means(columns, unknown, time, run.windows, run.block, free)
+        return block_means(columns, unknown, run.motion, run.windows, run.block, 2 * len(unseen))
 
     def positions(self, response: Array) -> Array:
         """Return the columns of the encoders of the simulated joints, and of their free motions."""

@@ -60,23 +60,8 @@ _SEEN = 1e-3
 """Largest entry of the column of a friction level, of 1, below which no row determines it."""
 
 
-def fix_unidentifiable(
-    drive: Drive, names: Sequence[str], H: Array, nonlinear: Sequence[str]
-) -> Drive:
-    """Return the drive with its unidentifiable `nonlinear` parameters as known ones.
-
-    H (R, p) has the columns `names` at the drive's values. Examples are a dead zone of zero, and a
-    Stribeck speed without Stribeck friction: the equations are singular in them.
-    """
-    fixed: list[str] = []
-    levels = [level for term, level in LEVEL_OF.items() if term not in COULOMB]
-    # One at a time, since the others may be identifiable once the worst is fixed.
-    while True:
-        kept = [place for place, name in enumerate(names) if name not in fixed]
-        name = _unidentifiable([names[place] for place in kept], H[:, kept], [*nonlinear, *levels])
-        if name is None:
-            return replace(drive, known=(*drive.known, *fixed)) if fixed else drive
-        fixed.append(name)
+_LEVELS = tuple(level for term, level in LEVEL_OF.items() if term not in COULOMB)
+"""Levels of friction that may go with the shape of their term."""
 
 
 def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | None:
@@ -107,19 +92,15 @@ def with_searched_values(
     """
     if robot is nominal:  # nothing was searched
         return dict(drives)
+    searched = {name for name, x in PARAMETERS.items() if x.is_positive and x.starts}
     allowed = {}
     for joint, estimate in drives.items():
         values = [
-            robot.drives[joint].values[name] if _is_searched(name) and value < 0 else value
+            robot.drives[joint].values[name] if name in searched and value < 0 else value
             for name, value in estimate.by_name.items()
         ]
         allowed[joint] = replace(estimate, values=np.array(values))
     return allowed
-
-
-def _is_searched(name: str) -> bool:
-    """Whether a parameter is positive and found by a search."""
-    return name in PARAMETERS and PARAMETERS[name].is_positive and bool(PARAMETERS[name].starts)
 
 
 _LEAST, _MOST = 1e-4, 2.0
@@ -139,23 +120,16 @@ def linearised(
     """
     searched = robot.elastic_joints if joints is None else joints
     check_reversals(robot, motions, searched)
-    drives = dict[str, Drive]()
     for joint in searched:
         if not regression.actuator_equation(robot, motions[0], joint)[0].non_linear:
             continue
         start, scale = _linear_start(robot, motions, joint), scale_of(robot, motions, joint)
         search = _actuator_search(_started(robot, joint, scale, start), motions, joint)
-        grid = _grid(search.nonlinear, robot.drives[joint], start, scale)
-        drive = _at_values(robot.drives[joint], search.best(grid, scale))
-        drives[joint] = search.with_fixed(drive)
-    robot = robot.with_drives(drives) if drives else robot
+        grid = _grid(search.regressor.non_linear, robot.drives[joint], start, scale)
+        drive = search.best(robot.drives[joint], grid, scale)
+        robot = robot.with_drives({joint: search.with_fixed(drive)})
     _check_warm_up(robot, motions, searched)
     return robot
-
-
-def _at_values(drive: Drive, values: Mapping[str, float]) -> Drive:
-    """Return the drive with the values of a search; a rotor inertia with a value would be known."""
-    return with_values(drive, {name: x for name, x in values.items() if name != "motor_inertia"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +145,7 @@ class _Search:
     @cached_property
     def linear(self) -> tuple[str, ...]:
         """The linear parameters with a column."""
-        names = {self.drive.rows.names[place].quantity for place in self._own}
-        return tuple(name for name in self.regressor.linear if name in names)
+        return tuple(filter(self.drive.has_parameter, self.regressor.linear))
 
     @cached_property
     def y(self) -> Array:
@@ -190,38 +163,48 @@ class _Search:
     @property
     def _own(self) -> list[int]:
         """The places of the parameters of the drive among those of the rows."""
-        drives, names = ("", self.drive.joint), self.regressor.names
-        columns = enumerate(self.drive.rows.names)
-        return [place for place, x in columns if x.owner in drives and x.quantity in names]
+        names = self.regressor.names
+        return [place for place, name in self.drive.parameters.items() if name in names]
 
     @cached_property
     def regressor(self) -> DriveRegressor:
         """The regressor of the equation of the side."""
         return self.drive.regressor(self.drive.robot, self.drive.joint)
 
-    @property
-    def nonlinear(self) -> tuple[str, ...]:
-        """The nonlinear parameters."""
-        return self.regressor.non_linear
+    def best(self, drive: Drive, starts: Sequence[Array], scale: Scale) -> Drive:
+        """Return the drive with the values of its parameters at the best of the local optima.
 
-    def best(self, starts: Sequence[Array], scale: Scale) -> dict[str, float]:
-        """Return the values of all parameters at the best of the local optima."""
-        of_name = zip(self.nonlinear, np.transpose(starts).tolist(), strict=True)
+        A rotor inertia has none, with which it would be known.
+        """
+        of_name = zip(self.regressor.non_linear, np.transpose(starts).tolist(), strict=True)
         bounds = np.array([bounds_of(name, scale, values) for name, values in of_name])
         optimum = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
-        values = dict(zip(self.nonlinear, optimum.nonlinear.tolist(), strict=True))
-        return values | dict(zip(self.linear, optimum.linear.tolist(), strict=True))
+        values = dict(zip(self.regressor.non_linear, optimum.nonlinear.tolist(), strict=True))
+        values |= dict(zip(self.linear, optimum.linear.tolist(), strict=True))
+        return with_values(drive, {x: y for x, y in values.items() if x != "motor_inertia"})
 
     def with_fixed(self, drive: Drive) -> Drive:
-        """Return the drive with its unidentifiable nonlinear parameters as known ones."""
-        nonlinear = np.array([drive.values[name] for name in self.nonlinear])
+        """Return the drive with its unidentifiable nonlinear parameters as known ones.
+
+        Examples are a dead zone of zero, and a Stribeck speed without Stribeck friction: the
+        equations are singular in them.
+        """
+        nonlinear = np.array([drive.values[name] for name in self.regressor.non_linear])
         linear = np.array([drive.values.get(name, 0.0) for name in self.linear])
         columns = np.hstack([self.columns(nonlinear)[1], self.slopes(nonlinear, linear)])
-        return fix_unidentifiable(drive, (*self.linear, *self.nonlinear), columns, self.nonlinear)
+        names, fixed = (*self.linear, *self.regressor.non_linear), list[str]()
+        candidates = [*self.regressor.non_linear, *_LEVELS]
+        # One at a time, since the others may be identifiable once the worst is fixed.
+        while True:
+            kept = [place for place, name in enumerate(names) if name not in fixed]
+            name = _unidentifiable([names[place] for place in kept], columns[:, kept], candidates)
+            if name is None:
+                return replace(drive, known=(*drive.known, *fixed)) if fixed else drive
+            fixed.append(name)
 
     def columns(self, nonlinear: Array) -> tuple[Array, Array]:
         """Return y and the drive's linear columns, with the other columns projected out."""
-        values = dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
+        values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         places = [self.regressor.linear.index(name) for name in self.linear]
         pairs = [self.regressor.given(by_name, values) for by_name in self.drive.signals]
         both = self.drive.at_rows([np.column_stack([part, H[:, places]]) for part, H in pairs])
@@ -244,10 +227,10 @@ class _Search:
     def slopes(self, nonlinear: Array, linear: Array) -> Array:
         """Return the columns of the nonlinear parameters in the same way."""
         values = {**self.regressor.drive.values}
-        values |= dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
+        values |= dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         values |= dict(zip(self.linear, linear.tolist(), strict=True))
         # `evaluate` has derivatives in these columns, d(H theta - zeta)/dv at v and theta.
-        places = [self.regressor.names.index(name) for name in self.nonlinear]
+        places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
         parts = [
             self.regressor.evaluate(by_name, values)[1][:, places] for by_name in self.drive.signals
         ]
@@ -394,21 +377,13 @@ class LoadFit:
     qr_factor: QRFactor
 
 
-def nonlinear_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints among `used` whose stiff drive is nonlinear in its parameters."""
-    return tuple(
-        joint
-        for joint in used
-        if joint not in robot.elastic_joints and motor_regressor(robot, joint).non_linear
-    )
-
-
 def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Robot:
     """Return the robot with the values at which its stiff drives are linearised.
 
     Raises IdentificationError for a hysteresis without reversals.
     """
-    nonlinear = nonlinear_joints(robot, used)
+    stiff = [joint for joint in used if joint not in robot.elastic_joints]
+    nonlinear = [joint for joint in stiff if motor_regressor(robot, joint).non_linear]
     if not nonlinear:
         return robot
     check_reversals(robot, motions, nonlinear)
@@ -421,12 +396,10 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
     for sweep in range(1 if len(nonlinear) == 1 else _SWEEPS):
         for joint in nonlinear:
             search, drive = _load_search(robot, motions, joint, used), robot.drives[joint]
-            starts = [np.array([drive.values[name] for name in search.nonlinear])]
+            starts = [np.array([drive.values[name] for name in search.regressor.non_linear])]
             if not sweep:
-                starts += _grid(search.nonlinear, nominal[joint], {}, scales[joint])
-            robot = robot.with_drives(
-                {joint: _at_values(drive, search.best(starts, scales[joint]))}
-            )
+                starts += _grid(search.regressor.non_linear, nominal[joint], {}, scales[joint])
+            robot = robot.with_drives({joint: search.best(drive, starts, scales[joint])})
     for joint in nonlinear:
         search = _load_search(robot, motions, joint, used)
         robot = robot.with_drives({joint: search.with_fixed(robot.drives[joint])})

@@ -27,7 +27,7 @@ from seaid.estimation.parameters import bounds_of, buses_of, is_stated
 from seaid.identification.drive_estimates import with_values
 from seaid.identification.stacked_fits import merged_estimates
 from seaid.log import Motion
-from seaid.regressor import BaseParameters, motor_regressor
+from seaid.regressor import motor_regressor
 from seaid.regressor.regression import spring_regressor
 from seaid.robot import Robot
 
@@ -134,6 +134,10 @@ class Layout:
         names = spring_regressor(self.identification.known, joint).names
         return [self.places[Parameter(name, joint)] for name in names]
 
+    def springs_at(self, x: Array) -> dict[str, Array]:
+        """Return the values of the springs whose torque is in (8), at the values x (p,)."""
+        return {joint: x[self.spring(joint)] for joint in self.identification.springs}
+
     def offset(self, joint: str) -> int:
         """Return the column of the offset of a joint's spring."""
         return self.places[Parameter("spring_offset", joint)]
@@ -164,21 +168,14 @@ class Layout:
         start, load_side = self.identification, x[self.load]
         # The columns of the load side are the base parameters, then the parameters of drives.
         bodies, of_drives = np.split(load_side, [len(start.base.columns)])
-        robot, values = with_bodies(start.robot, start.base, bodies), dict[str, dict[str, float]]()
+        robot, values = start.robot, dict[str, dict[str, float]]()
         for (joint, name, _), value in zip(start.model.drives, of_drives, strict=True):
             values.setdefault(joint, {})[name] = float(value)
         known = start.known.drives
         drives = {joint: with_values(known[joint], named) for joint, named in values.items()}
-        return robot.with_drives(drives) if drives else robot
-
-
-def with_bodies(robot: Robot, base: BaseParameters, values: Array) -> Robot:
-    """Return the robot with these base parameters (b,).
-
-    Its standard parameters change least (14); a simulation depends on the base parameters only.
-    """
-    correction = base.least(values - base.project(robot.parameters))
-    return robot.with_values(robot.parameters + correction, robot.drives)
+        # The standard parameters change least (14); a simulation depends on the base ones only.
+        correction = start.base.least(bodies - start.base.project(robot.parameters))
+        return robot.with_values(robot.parameters + correction, {**robot.drives, **drives})
 
 
 def layout_of(
@@ -286,13 +283,16 @@ LogPoint = Point[Outputs]
 
 
 def block_means(
-    columns: Array, unknown: BoolArray, time: Array, windows: int, block: int, free: int
+    columns: Array, unknown: BoolArray, motion: Motion, windows: int, block: int, free: int
 ) -> Residuals:
     """Average columns (T, C, 1 + p + s) over blocks, by which white noise stays white.
 
-    They are a residual, its derivatives by p parameters, and those by s = `free` states of each
-    window. Blocks with a sample that is `unknown` (T, C) do not count, nor does a last part block.
+    They are a residual at the samples of a motion, its derivatives by p parameters, and those by
+    s = `free` states of each window. Blocks with a sample that is `unknown` (T, C) or bridged do
+    not count, nor does a last part block.
     """
+    if motion.bridged is not None:  # what was interpolated over a gap was not measured
+        unknown = unknown | motion.bridged[:, None]
     count = len(columns) // (windows * block) * windows * block
     shape = (windows, -1, block, columns.shape[1])
     means = columns[:count].reshape(*shape, columns.shape[2]).mean(axis=2)
@@ -302,7 +302,7 @@ def block_means(
         jacobian=means[..., 1:last],
         nuisance=means[..., last:],
         kept=np.asarray(~unknown[:count].reshape(shape).any(axis=2)),
-        time=time[:count].reshape(windows, -1, block).mean(axis=2),
+        time=motion.time[:count].reshape(windows, -1, block).mean(axis=2),
         channels=range(columns.shape[1]),
     )
 
@@ -314,8 +314,7 @@ def identification_at(layout: Layout, x: Array, step: Step) -> Identification:
     """Return the identification with the values x (p,) and the covariance of a step from there."""
     start = layout.identification
     actuators, load_side = _estimates(layout, x, step)
-    springs = FrozenMapping({joint: x[layout.spring(joint)] for joint in start.springs})
-    start = replace(start, known=layout.known_at(x), springs=springs)
+    start = replace(start, known=layout.known_at(x), springs=FrozenMapping(layout.springs_at(x)))
     values = {**start.drive_side, **merged_estimates(actuators, load_side.by_owner())}
     drives = {joint: values[joint] for joint in start.drive_side}
     known = start.known.drives

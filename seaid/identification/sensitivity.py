@@ -162,14 +162,13 @@ def _cutoff_findings(
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
     ways = (f"a cutoff of {cutoff_hz:.3g} Hz", f"a cutoff of {WIDER * cutoff_hz:.3g} Hz")
     equations = _compared_equations(robot, motions, condition.model, sides)
-    # of long logs, the rows of the fit are those of more than the first pieces
-    in_memory = all(isinstance(dataset, Motion) for dataset in condition.datasets)
     for joint, (regress, fit) in equations.items():
         weights = fit.weights if joint == LOAD and not ordinary else equal_weights(fit.qr_factor)
         rows = stacked(list(map(regress, wider)))
         constraint = _constraint_of(fit, rows.names)
         wide = fit_of(rows, weights, None, constraint)
-        if in_memory and fit.rows is not None and fit.rows.names == rows.names:
+        # of long logs, the rows of the fit are those of more than the first pieces
+        if condition.motions_in_memory and fit.rows is not None and fit.rows.names == rows.names:
             narrow = fit_of(fit.rows, weights, fit.qr_factor, constraint)
         else:
             narrow = fit_of(stacked(list(map(regress, few))), weights, None, constraint)

@@ -68,11 +68,9 @@ def joints_sensed_by_motor_only(robot: Robot, logs: Sequence[Log]) -> tuple[str,
 
 
 def _only_motor(log: Log, joint: str) -> bool:
-    place = log.joint_names.index(joint)
-    behind = (log.joint_position, log.joint_torque, log.deflection)
-    sensed = any(x is not None and np.any(np.isfinite(x[:, place])) for x in behind)
-    motor = np.isfinite(log.motor_position[:, place]) & np.isfinite(log.motor_torque[:, place])
-    return bool(np.all(motor)) and not sensed
+    logged = log.logged(joint).keys()
+    is_sensed = bool(logged & {"joint_position", "joint_torque", "deflection"})
+    return {"motor_position", "motor_torque"} <= logged and not is_sensed
 
 
 def with_motor_side_findings(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from seaid.identification.drive_estimates import CONSTANTS
 from seaid.identification.result import Fit, Identification, Validation, extension_of
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.log import Motion, in_band
-from seaid.regressor.load import load_side, unknown_friction, with_gear_torque
+from seaid.regressor.load import load_side, unknown_frictions, with_gear_torque
 from seaid.regressor.regression import (
     INPUTS,
     actuator_columns,
@@ -54,10 +54,9 @@ def compared(identification: Identification, *given: Motion) -> Validation:
         springs, theta = identification.springs, identification.load_side.values
         motions = [with_gear_torque(known, x, model, springs, theta) for x in motions]
     actuator = [_traces(motion, *_actuator(identification, motion)) for motion in motions]
-    sides, load = [_load(identification, motion) for motion in motions], list[Traces]()
-    for motion, (measured, computed, _) in zip(motions, sides, strict=True):
-        still = [unknown_friction(robot, motion, joint) for joint in robot.joint_names]
-        load.append(_traces(motion, measured, computed, np.column_stack(still)))
+    sides = [_load(identification, motion) for motion in motions]
+    still = [unknown_frictions(robot, motion, robot.joint_names) for motion in motions]
+    load = [_traces(x, *y[:2], z) for x, y, z in zip(motions, sides, still, strict=True)]
     time, fits = np.concatenate([x.time for x in motions]), (fit_of(actuator), fit_of(load))
     comparison = Validation(robot.joint_names, time, motions[0].cutoff_hz, *fits, given)
     return extension_of(known).compared(comparison, [side[2] for side in sides])
@@ -133,8 +132,7 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array,
     return measured, computed, both
 
 
-@dataclass(frozen=True, eq=False)
-class Traces:
+class Traces(NamedTuple):
     """Measured and computed torques (T, n), raw and low-passed, and masks.
 
     Filtered torques are NaN in transients; `still` (T, n) masks samples with unknown friction.
@@ -158,8 +156,7 @@ def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) 
 
 def fit_of(parts: Sequence[Traces]) -> Fit:
     """Return the fit of the torques of all parts together."""
-    names = [field.name for field in fields(Traces)]
-    whole = Traces(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    whole = Traces(*map(np.concatenate, zip(*parts, strict=True)))
     measured, computed = whole.smooth_measured, whole.smooth_computed
     error, raw_error = measured - computed, whole.measured - whole.computed
     every = np.isfinite(error)
