@@ -302,15 +302,6 @@ class Experiment:
                 constants[j] = 1 / abs(x[0]) if is_shown else np.std(load) / np.std(effort)
         return constants
 
-    def with_constants_of(self, robot: Robot) -> Experiment:
-        """Return the experiment in which the motor constants are known, as those of a robot."""
-        drives = {
-            joint: replace(x, known=(*x.known, MOTOR_CONSTANTS[x.motor_input]))
-            for (joint, x), is_unknown in zip(robot.drives.items(), self.is_unscaled, strict=True)
-            if is_unknown
-        }
-        return self.with_changes(robot=robot.with_drives(drives)) if drives else self
-
     @property
     def torque(self) -> Array:
         """The torque (R, n) of motors, NaN without a sensor or a constant."""

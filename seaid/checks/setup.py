@@ -397,26 +397,21 @@ def _in_units(
 
 
 def _positions(experiment: Experiment) -> Iterator[Transform]:
-    """Yield units of a joint's positions, at both sides or at the one that the slope suggests."""
-    for j in experiment.used:
-        if not (experiment.robot.is_prismatic[j] and experiment.both[j]):
-            yield from _in_units(experiment, [j], "qm")
-        slope = gears.other_slope(experiment, j) or 0.0
-        for channel in "mq" if slope else "":
-            yield from _in_units(experiment, [j], channel, slope)
+    """Yield units of positions, of each joint and of all that turn.
 
-
-def _all_positions(experiment: Experiment) -> Iterator[Transform]:
-    """Yield units of the positions of all joints that turn, at both sides or at one."""
-    turns = ~np.array(experiment.robot.is_prismatic)
-    turning, pairs = (np.flatnonzero(x).tolist() for x in (turns, turns & experiment.both))
-    if len(turning) > 1:
-        yield from _in_units(experiment, turning, "qm")
-    slopes = [gears.other_slope(experiment, j) or 1.0 for j in pairs]
-    is_common = bool(pairs) and max(slopes) < (1 + 3 * tol.SLIGHT) * min(slopes)
-    slope = float(np.median(slopes)) if is_common else 0.0
-    for channel in "qm" if len(pairs) > 1 else "":
-        yield from _in_units(experiment, pairs, channel, slope)
+    They are those of both sides, or of the one that the slope between the encoders suggests.
+    """
+    slides, singles = experiment.robot.is_prismatic, [(j,) for j in experiment.used]
+    turning = tuple(np.flatnonzero(~np.array(slides)).tolist())
+    for joints in filter(None, dict.fromkeys([*singles, turning])):
+        pairs = [j for j in joints if experiment.both[j]]
+        if not (slides[joints[0]] and pairs):
+            yield from _in_units(experiment, joints, "qm")
+        slopes = [gears.other_slope(experiment, j) or 1.0 for j in pairs]
+        is_common = max(slopes, default=1.0) < (1 + 3 * tol.SLIGHT) * min(slopes, default=1.0)
+        slope = float(np.median(slopes)) if pairs and is_common else 0.0
+        for channel in "mq" if pairs else "":
+            yield from _in_units(experiment, pairs, channel, slope)
 
 
 def _position_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -844,7 +839,6 @@ MISTAKES: Possible = (
     Check(CODES["unit"], (_SEVERE,), gears.geared_encoders),
     Check(CODES["sign"], (_SEVERE,), _signs),
     Check(CODES["unit"], (_SEVERE,), _positions),
-    Check(CODES["unit"], (_SEVERE,), _all_positions),
     Check(CODES["swapped-joints"], (_SEVERE,), _exchanges),
     Check(CODES["coupled-joints"], (_SEVERE,), gears.absolute_positions),
     Check(CODES["torque-scale"], (_SENSORS,), _sensor_scales),

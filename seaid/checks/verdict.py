@@ -332,8 +332,9 @@ def robot_fit(
         predicted = targets if bare.own is None else targets[bare.own]
         errors, blocks = (_errors(rows, each, sizes) for each in (computed, predicted))
         moving = experiment.in_motion
-        misfits = np.column_stack([moving.of_bodies(bodies), moving.nominal]).tolist()
-        of_bodies, motors = dict(zip(names, misfits, strict=True)), dict[int, float]()
+        misfits = np.column_stack([moving.of_bodies(bodies), moving.nominal])
+        misfits[moving.is_unscaled] = NAN  # torques by the bodies of the file agree with these
+        of_bodies, motors = dict(zip(names, misfits.tolist(), strict=True)), dict[int, float]()
         for side in actuators.values():
             if side.rows is not None:
                 motors |= _errors(side.rows, side.rows.H @ side.estimate.values, {})

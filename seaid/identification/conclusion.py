@@ -191,8 +191,7 @@ def _with_fit_quality(
     A joint whose spring looks weak may have backlash.
     """
     case, is_only, findings = problem.cases[name], problem.only is not None, [*known]
-    robot, actuators = case.robot, problem.two_step[name].actuators
-    experiment = case.experiment.with_constants_of(result.robot)
+    robot, experiment, actuators = case.robot, case.experiment, problem.two_step[name].actuators
     bodies = result.robot.parameters + robot.payload_parameters
     # More rows do not reduce the errors of what was given as known.
     of_load = case.model.base, problem.estimates[name].load
