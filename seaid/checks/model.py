@@ -134,7 +134,7 @@ _FRICTION = {*chain(*PARAMETERS_OF["friction"].values(), *PARAMETERS_OF["joint_f
 
 
 _TORQUE = SideNeed("a torque that was logged", lambda *of: bool(gears.torque_channel(*of)))
-_BOTH_ENCODERS = SideNeed("encoders on both sides", lambda *of: of[0].has_both_encoders(of[1]))
+_BOTH_ENCODERS = SideNeed("encoders on both sides", lambda side, x: side.has_both_encoders(x))
 _TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.robot.index(j)])
 # an offset moves the commands as well: `commands` looks at it
 _NO_CONTROLLERS = SideNeed("no controllers", lambda side, _: not side.robot.has_controllers)
@@ -416,10 +416,16 @@ def _late_at_both(load: SideSelection, dampings: Mapping[str, float]) -> Iterato
     """Yield the late encoders that the load shows and the motors as `dampings` {joint: damping}."""
     for best in load.selection.accepted:
         for trial in (best.trial, *best.rivals):
-            # both are k d of a delay d
-            ratio = dampings.get(trial.candidate.joint, 0.0) / float(best.coefficients[0])
-            if trial.candidate.field == "delay" and 1 / TWICE < ratio < TWICE:
-                yield from filter(None, [_found_alone(load.side, trial)])
+            # both are k d of a delay d, whose mean has half of what they differ by as an error
+            k_d, damping = float(best.coefficients[0]), dampings.get(trial.candidate.joint, 0.0)
+            if trial.candidate.field == "delay" and 1 / TWICE < damping / k_d < TWICE:
+                mean = (
+                    np.full(1, 0.5 * (k_d + damping)),
+                    np.hypot(best.errors, 0.5 * (damping - k_d)),
+                )
+                both = engine.Accepted(trial, *mean, best.share, best.change)
+                check, joint = trial.candidate.origin
+                yield from filter(None, [check.finding(load.side, joint, [both], best.share)])
 
 
 def _with_common_delay(

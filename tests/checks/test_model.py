@@ -421,6 +421,30 @@ def test_a_channel_that_is_late_is_named_and_not_as_friction_or_damping(
     assert abs(value - delay_s) < 3 * error < bound_s
 
 
+@pytest.mark.parametrize("delay_s", [0.004, 0.001])
+def test_the_load_of_a_single_spring_shows_an_encoder_that_is_late(
+    tmp_path: Path, delay_s: float
+) -> None:
+    """Its motor shows as much damping, next to less viscous friction.
+
+    The torques of such a robot are all those of springs, whose errors explained whatever it lacks.
+    """
+    values = {"stiffness_Nm_per_rad": 200.0, "viscous_friction_Nms_per_rad": 4e-4}
+    values |= {"coulomb_friction_Nm": 0.01, "motor_inertia_kg_m2": 1e-5, "gear_ratio": 50.0}
+    robot = one_joint(tmp_path, drive={"type": "series_elastic", **values})
+    noise = Noise(motor_resolution_rad=1e-4, joint_resolution_rad=1e-5, torque_std_Nm=1e-3)
+    log = seaid.simulate(robot, wiggle(robot, 8.0, (0.0,), (2.0,)), noise=noise, seed=0)
+    right = identify(robot.without_nominal(), log).warnings
+    assert all(finding.severity == "note" for finding in right)
+    late = {"joint_position": lambda x: np.interp(log.time - delay_s, log.time, x)}
+    found = identify(robot.without_nominal(), with_channels(log, "arm", **late)).warnings
+    (finding,) = (x for x in found if x.severity != "note")
+    assert finding.code == "delay"
+    error = finding.evidence["standard error [s]"]
+    assert abs(finding.evidence["delay [s]"] - delay_s) < 3 * error < 0.2 * delay_s
+    assert "joint_position = {" in finding.remedy
+
+
 def test_damping_is_named_where_it_may_be_a_late_encoder_next_to_friction() -> None:
     true, delay_s = with_knee(leg(TEST_MASS)), 0.01
     knee = true.drives["knee_pitch"]
