@@ -382,18 +382,19 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
 
     Raises IdentificationError for a hysteresis without reversals.
     """
-    stiff = [joint for joint in used if joint not in robot.elastic_joints]
-    nonlinear = [joint for joint in stiff if motor_regressor(robot, joint).non_linear]
-    if not nonlinear:
-        return robot
+    nonlinear = [
+        joint
+        for joint in used
+        if joint not in robot.elastic_joints and motor_regressor(robot, joint).non_linear
+    ]
     check_reversals(robot, motions, nonlinear)
-    scales = {joint: scale_of(robot, motions, joint) for joint in nonlinear}
-    nominal = robot.drives
+    scales, nominal = dict[str, Scale](), robot.drives
     for joint in nonlinear:
+        scales[joint] = scale_of(robot, motions, joint)
         robot = _started(robot, joint, scales[joint])
     # One joint needs no second sweep, since the parameters of the others are linear and at their
     # best values for each of its trials.
-    for sweep in range(1 if len(nonlinear) == 1 else _SWEEPS):
+    for sweep in range(min(len(nonlinear), _SWEEPS)):
         for joint in nonlinear:
             search, drive = _load_search(robot, motions, joint, used), robot.drives[joint]
             starts = [np.array([drive.values[name] for name in search.regressor.non_linear])]
