@@ -105,20 +105,16 @@ def _window(layout: refined_parameters.Layout, log: Log) -> CommandDriven:
     robot, cutoff_hz = layout.identification.known, layout.identification.cutoff_hz
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     motion = reconstruct_motion(robot, log, min(3 * cutoff_hz, rate_hz / 8))
-    columns = [log.joint_names.index(joint) for joint in robot.joint_names]
+    sensors = log.sensors(robot.joint_names)
 
     def sampled(values: Array) -> Array:
-        signals = [np.interp(motion.time, log.time, values[:, column]) for column in columns]
-        return np.column_stack(signals)
+        return np.column_stack([np.interp(motion.time, log.time, x) for x in values.T])
 
-    unknown, sensors = np.full((len(motion.time), robot.n), np.nan), log.sensors()
     channels = [x for x in ("joint_position", *OF_CONTROLLERS) if x in sensors]
     sent: dict[str, Any] = {name: sampled(sensors[name]) for name in channels}
     regular = Log(
         time=motion.time,
         joint_names=robot.joint_names,
-        motor_position=unknown,
-        motor_torque=unknown,
         is_prismatic=robot.is_prismatic,
         **sent,
     )
