@@ -231,11 +231,9 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
         notes.append(f"no values in the prior: a ball of {BALL_MASS:g} kg replaces {names}")
     masses = bodies[~missing, 0]
     usual = float(np.mean(masses[masses > 0])) if np.any(masses > 0) else BALL_MASS
-    for index, ball in enumerate(plain):
-        if missing[index]:
-            bodies[index] = ball
-            continue
-        scaled = ball * max(bodies[index, 0], 0.01 * usual)
+    bodies[missing] = plain[missing]
+    for index in np.flatnonzero(~missing).tolist():
+        scaled = plain[index] * max(bodies[index, 0], 0.01 * usual)
         repaired = _repaired(bodies[index], scaled)
         if repaired is not None:
             kind = "degenerate" if is_physical(bodies[index]) else "physically inconsistent"
