@@ -138,7 +138,10 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
     statics = _checked(statics)
     line, cubic = (_estimate(statics, name) for name in ("linear", "cubic"))
     estimate = line if law == "linear" else cubic
-    p_value = _p_value(cubic, 1)
+    assert cubic.degrees_of_freedom is not None
+    # The probability of so large a cubic term by chance.
+    ratio = abs(cubic.values[1]) / max(cubic.standard_errors[1], 1e-300)
+    p_value = float(2 * stdtr(cubic.degrees_of_freedom[1], -ratio))
     spread = statics.load.max() - statics.load.min()
     curve = _load_at(cubic, statics.reading) - _load_at(line, statics.reading)
     friction = estimate.value("friction") if "friction" in estimate.names else np.nan
@@ -207,13 +210,6 @@ def _load_at(estimate: Estimate, reading: Array) -> Array:
     """Return the load (P,) of a law at readings, without friction."""
     theta = estimate.values[: estimate.names.index("zero") + 1]
     return _predicted(theta, reading, np.empty((len(reading), 0)))[0]
-
-
-def _p_value(estimate: Estimate, place: int) -> float:
-    """Return the probability of so large a parameter by chance."""
-    assert estimate.degrees_of_freedom is not None
-    ratio = abs(estimate.values[place]) / max(estimate.standard_errors[place], 1e-300)
-    return float(2 * stdtr(estimate.degrees_of_freedom[place], -ratio))
 
 
 def _estimate(statics: Statics, law: Law) -> Estimate:
