@@ -161,8 +161,7 @@ def _cutoff_findings(
     # one is that of regressor and torque.
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
     ways = (f"a cutoff of {cutoff_hz:.3g} Hz", f"a cutoff of {WIDER * cutoff_hz:.3g} Hz")
-    equations = _compared_equations(robot, motions, condition.model, sides)
-    for joint, (regress, fit) in equations.items():
+    for joint, regress, fit in _compared_equations(robot, motions, condition.model, sides):
         weights = fit.weights if joint == LOAD and not ordinary else equal_weights(fit.qr_factor)
         rows = stacked(list(map(regress, wider)))
         constraint = _constraint_of(fit, rows.names)
@@ -191,15 +190,12 @@ def _constraint_of(fit: FittedRows, names: Sequence[str]) -> tuple[Array, Array]
 
 def _compared_equations(
     robot: Robot, motions: list[Motion], model: LoadModel, sides: RobotEstimate
-) -> dict[str, tuple[Regress, FittedRows]]:
-    """Return the equations of drives with a motor torque, and of the load side, with their fits."""
-    equations: dict[str, tuple[Regress, FittedRows]] = {}
+) -> Iterator[tuple[str, Regress, FittedRows]]:
+    """Yield the equations of drives with a motor torque, and of the load side, with their fits."""
     for joint, fit in sides.actuators.items():
         if not has_only_spring_torque(robot, motions, joint):
-            regress = partial(_actuator_rows, robot, joint=joint, fit=fit)
-            equations[joint] = regress, fit
-    regress = partial(load_regression, robot, model=model, springs=sides.springs)
-    return equations | {LOAD: (regress, sides.fit)}
+            yield joint, partial(_actuator_rows, robot, joint=joint, fit=fit), fit
+    yield LOAD, partial(load_regression, robot, model=model, springs=sides.springs), sides.fit
 
 
 def _better_cutoff(robot: Robot, joint: str, cutoff_hz: float, differing: Iterable[str]) -> str:
