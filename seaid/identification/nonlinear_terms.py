@@ -124,7 +124,10 @@ def linearised(
         if not regression.actuator_equation(robot, motions[0], joint)[0].non_linear:
             continue
         start, scale = _linear_start(robot, motions, joint), scale_of(robot, motions, joint)
-        search = _actuator_search(_started(robot, joint, scale, start), motions, joint)
+        started = _started(robot, joint, scale, start)
+        rows = regression.stacked([actuator_regression(started, x, joint) for x in motions])
+        at_rows = actuator_drive(started, motions, joint, rows, np.empty(0))
+        search = _Search(at_rows, np.ones(len(rows.y)))
         grid = _grid(search.regressor.non_linear, robot.drives[joint], start, scale)
         drive = search.best(robot.drives[joint], grid, scale)
         robot = robot.with_drives({joint: search.with_fixed(drive)})
@@ -242,13 +245,6 @@ class _Search:
         # (I - Q Q^T) H with an orthonormal basis Q of the other columns: their parameters are at
         # their best values for each trial, without being computed.
         return np.asarray(columns - self.others @ (self.others.T @ columns))
-
-
-def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Search:
-    """Return the search on the actuator side of an elastic joint, with all of its columns."""
-    rows = regression.stacked([actuator_regression(robot, x, joint) for x in motions])
-    drive = actuator_drive(robot, motions, joint, rows, np.empty(0))
-    return _Search(drive, np.ones(len(rows.y)))
 
 
 def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[str, float]:
