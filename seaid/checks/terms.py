@@ -7,6 +7,7 @@ grid. Other columns are derivatives at the fit, where the level of the term is z
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from itertools import chain, compress, product
@@ -58,13 +59,10 @@ def possible_terms(drive: Drive, asked: Mapping[str, Sequence[str]]) -> Iterator
         shapes = {"friction": COULOMB[1:], "spring": (*DEAD_ZONES, "dahl")}.get(field, ())
         excluded = {*shapes, "coulomb"} - {"shifted_coulomb"} if current & {*shapes} else set()
         for term in asked[field]:
-            if term in current | excluded:
-                continue
-            try:
-                with_term(drive, field, term)
-            except RobotError:  # what this drive cannot have
-                continue
-            yield field, term
+            if term not in current | excluded:
+                with suppress(RobotError):  # what this drive cannot have
+                    with_term(drive, field, term)
+                    yield field, term
 
 
 def reference_position(motions: Sequence[Motion], place: int) -> float:
