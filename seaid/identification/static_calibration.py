@@ -197,15 +197,6 @@ _POWERS: dict[Law, Array] = {"linear": np.array([1]), "cubic": np.array([1, 3])}
 """{law: the powers of the deflection d = reading - zero, whose sum it is}."""
 
 
-def _names_of(statics: Statics, law: Law, has_friction: bool) -> dict[str, str]:
-    """Return the parameters theta of a law, with their units."""
-    gain = "stiffness" if statics.reading_unit in ("rad", "m") else "gain"
-    force, length = statics.load_unit, statics.reading_unit
-    names = {gain: f"{force}/{length}", f"cubic_{gain}": f"{force}/{length}^3"}
-    law_alone = dict(list(names.items())[: len(_POWERS[law])]) | {"zero": length}
-    return law_alone | {"friction": force} if has_friction else law_alone
-
-
 def _load_at(estimate: Estimate, reading: Array) -> Array:
     """Return the load (P,) of a law at readings, without friction."""
     theta = estimate.values[: estimate.names.index("zero") + 1]
@@ -216,7 +207,11 @@ def _estimate(statics: Statics, law: Law) -> Estimate:
     """Return the instrumental-variable estimate: Z^T (load - law) = 0, Z of the load alone."""
     load, reading, direction = statics.load, statics.reading, np.asarray(statics.direction)
     has_friction = bool(min(np.sum(direction > 0), np.sum(direction < 0)) >= 3)
-    names, powers = _names_of(statics, law, has_friction), _POWERS[law]
+    powers, force, length = _POWERS[law], statics.load_unit, statics.reading_unit
+    gain = "stiffness" if length in ("rad", "m") else "gain"
+    of_powers = {gain: f"{force}/{length}", f"cubic_{gain}": f"{force}/{length}^3"}
+    names = dict(list(of_powers.items())[: len(powers)]) | {"zero": length}
+    names |= {"friction": force} if has_friction else {}
     directions = direction[:, None][:, : int(has_friction)]
     slope, offset = np.polyfit(reading, load, 1)
     # load = a reading + b = k (reading - zero): k = a, zero = -b / a.
