@@ -132,11 +132,8 @@ def explained(findings: Callable[[], Sequence[Finding]]) -> Iterator[None]:
         raise
 
 
-_OF_SEVERITY: tuple[tuple[Severity, Level, str], ...] = (
-    ("wrong", "do not use", "do not use this result"),
-    ("doubtful", "usable with care", "usable with care"),
-)
-"""(severity, level, how the sentence begins), the worst first."""
+_LEVELS: dict[Severity, Level] = {"wrong": "do not use", "doubtful": "usable with care"}
+"""{severity: level}, the worst first."""
 
 
 def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> Verdict:
@@ -144,13 +141,14 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
     loads = _load_sides(warnings, joints)
     if loads:
         return Verdict("do not use", loads, joints)
-    for severity, level, start in _OF_SEVERITY:
+    for severity, level in _LEVELS.items():
         reasons: dict[str, dict[str, None]] = {}  # {code: its joints}
         for finding in _of_severity(severity, warnings):
             reasons.setdefault(finding.code, {})[finding.joint] = None
         if reasons:
             names = (code + _in_brackets(filter(None, named)) for code, named in reasons.items())
-            return Verdict(level, f"{start}: {', '.join(names)}", joints)
+            what = " this result" if severity == "wrong" else ""
+            return Verdict(level, f"{level}{what}: {', '.join(names)}", joints)
     unknown = {
         finding.joint: None
         for finding in warnings
