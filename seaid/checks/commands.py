@@ -75,7 +75,13 @@ def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
 def _commanded(robot: Robot, log: Log) -> Iterator[Commanded]:
     """Yield the joints of a log with position commands that have a controller and an encoder."""
     assert log.position_command is not None
-    asked = _asked(robot, log)
+    unlimited = {
+        joint: replace(drive, controller=replace(drive.controller, torque_limit_Nm=math.inf))
+        for joint, drive in robot.drives.items()
+        if drive.controller is not None
+    }
+    # the motor torque (T, n) that the controllers would give without a limit
+    asked = with_commanded_torque(robot.with_drives(unlimited), log).motor_torque
     for joint, drive in robot.drives.items():
         j, law = log.joint_names.index(joint), drive.controller
         signals = log.position_command[:, j], _controlled_position(log, j, drive.ratio)
@@ -96,16 +102,6 @@ def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding
     evidence = {"correlation": min(crossed, other), "correlation as given": max(own)}
     swapped, remedy = codes.CODES["swapped-joints"], codes.in_description(lines)
     yield swapped.finding(message, first.joint, "wrong", evidence, remedy, "certain")
-
-
-def _asked(robot: Robot, log: Log) -> Array:
-    """Return the motor torque (T, n) that the controllers of a log would give without a limit."""
-    unlimited = {
-        joint: replace(drive, controller=replace(drive.controller, torque_limit_Nm=math.inf))
-        for joint, drive in robot.drives.items()
-        if drive.controller is not None
-    }
-    return with_commanded_torque(robot.with_drives(unlimited), log).motor_torque
 
 
 def _controlled_position(log: Log, j: int, ratio: float) -> Array:
