@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from seaid._arrays import Array, FrozenMapping
+from seaid._arrays import Array
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Check, Need, guarded, observed, proposals
@@ -41,9 +41,8 @@ from seaid.checks.experiment import (
     subject,
     with_torques_of,
 )
-from seaid.checks.verdict import JointCheck
 from seaid.errors import Certainty, Finding, listed
-from seaid.log import Log, Motion
+from seaid.log import Log
 from seaid.log.channels import UNIT_FACTORS
 from seaid.robot import Robot
 from seaid.robot.transmission import group_of
@@ -407,11 +406,14 @@ def _positions(experiment: Experiment) -> Iterator[Transform]:
         pairs = [j for j in joints if experiment.both[j]]
         if not (slides[joints[0]] and pairs):
             yield from _in_units(experiment, joints, "qm")
-        slopes = [gears.other_slope(experiment, j) or 1.0 for j in pairs]
-        is_common = max(slopes, default=1.0) < (1 + 3 * tol.SLIGHT) * min(slopes, default=1.0)
-        slope = float(np.median(slopes)) if pairs and is_common else 0.0
-        for channel in "mq" if pairs else "":
-            yield from _in_units(experiment, pairs, channel, slope)
+        for channel in "mq" * bool(pairs):
+            yield from _in_units(experiment, pairs, channel, _common_slope(experiment, pairs))
+
+
+def _common_slope(experiment: Experiment, pairs: Iterable[int]) -> float:
+    """Return the slope between the encoders of joints over their gear ratios, 0 if it differs."""
+    slopes = [gears.other_slope(experiment, j) or 1.0 for j in pairs]
+    return float(np.median(slopes)) * (max(slopes) < (1 + 3 * tol.SLIGHT) * min(slopes))
 
 
 def _position_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -981,26 +983,3 @@ OF_MOTION: Sequence[Check[Experiment, Finding]] = (
     Check(CODES["no-measurement"], (_NO_CONTROLLERS,), commands.of_friction_alone),
 )
 """What hides all else: the first that finds something ends the search."""
-
-
-def joint_checks(
-    experiment: Experiment,
-    motions: Sequence[Motion],
-    findings: list[Finding],
-    delays: Mapping[str, tuple[float, float]],
-) -> Mapping[str, JointCheck]:
-    """Return what the motions of an experiment show of each joint, and add a note if that fails.
-
-    `delays` {joint: delay of its torque and standard error [s]} are those of a fit.
-    """
-    swings = np.max([np.ptp(motion.joint_position, axis=0) for motion in motions], axis=0).tolist()
-    names = experiment.robot.joint_names
-    checks = dict(zip(names, map(JointCheck, swings), strict=True))
-    with guarded(CODES["gear-ratio"], findings):
-        moving, unknown = experiment.in_motion, (math.nan, math.nan)
-        for j, joint in enumerate(names):
-            slope = gears.encoder_slope(experiment, j) if experiment.both[j] else math.nan
-            misfits = float(moving.nominal[j]), float(moving.free[j]), float(moving.of_motors[j])
-            ratio, delay = experiment.encoder_ratios.get(j, unknown), delays.get(joint, unknown)
-            checks[joint] = JointCheck(swings[j], slope, *misfits, *ratio, *delay)
-    return FrozenMapping(checks, "joint")

@@ -515,15 +515,7 @@ def unused_findings(
 
     The torques of the joints that are `used` are in the equations.
     """
-    for joint in robot.elastic_joints:
-        names = motor_regressor(robot, joint).names
-        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
-        if missing:
-            yield CODES["unidentifiable"].note(
-                f"the log has the joint torque of {joint} and not its motor "
-                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
-                joint,
-            )
+    yield from _without_motor_equation(robot, drives)
     inputs = {x: INPUT_FIELDS[robot.drives[x].motor_input] for x in used}
     logged = _logged_torques(robot, motions)
     for channel, joints in logged.items():
@@ -535,6 +527,18 @@ def unused_findings(
             name = channel.replace("_", " ")
             message = f"the {name} of {listed(unused)} is in the log and in no equation"
             yield CODES["unused-channel"].note(message, only_joint(unused))
+
+
+def _without_motor_equation(robot: Robot, drives: Mapping[str, Estimate]) -> Iterator[Finding]:
+    for joint in robot.elastic_joints:
+        names = motor_regressor(robot, joint).names
+        missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
+        if missing:
+            yield CODES["unidentifiable"].note(
+                f"the log has the joint torque of {joint} and not its motor "
+                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
+                joint,
+            )
 
 
 def _logged_torques(robot: Robot, motions: Sequence[Motion]) -> dict[str, list[str]]:

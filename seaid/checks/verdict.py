@@ -7,8 +7,7 @@ excluded from the fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -21,7 +20,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.check import Check, guarded, observed
 from seaid.checks.codes import CODES, as_note, excluding_torque
 from seaid.checks.experiment import Experiment
-from seaid.errors import Certainty, Finding, IdentificationError, SeaidError, Severity, listed
+from seaid.errors import Certainty, Finding, IdentificationError, Severity, listed
 from seaid.estimation import Estimate, FittedRows, qr_factor
 from seaid.estimation.covariance import row_step
 from seaid.regressor import BaseParameters, Regression
@@ -115,21 +114,6 @@ class Verdict(Display):
 
 
 # A set-up that is wrong, and the verdict
-
-
-@contextmanager
-def explained(findings: Callable[[], Sequence[Finding]]) -> Iterator[None]:
-    """Put before an error of seaid the finding that explains it: a wrong set-up, and its remedy.
-
-    The `findings` are only looked for if there is an error.
-    """
-    try:
-        yield
-    except SeaidError as problem:
-        for wrong in _of_severity("wrong", findings())[:1]:
-            text = f"{wrong.code}: {wrong.message}; and so: {problem}\n{wrong.remedy}"
-            problem.args = SeaidError(text).args
-        raise
 
 
 _LEVELS: dict[Severity, Level] = {"wrong": "do not use", "doubtful": "usable with care"}

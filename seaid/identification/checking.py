@@ -6,6 +6,7 @@ joint at rest, or an error, such as a dead channel.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
 from seaid._progress import Result, counted
-from seaid.checks import CODES, JointCheck
+from seaid.checks import CODES, JointCheck, gears
 from seaid.checks.channels import stop_findings, strength_findings, without_torque
 from seaid.checks.check import Check, guarded, observed
 from seaid.checks.codes import is_wrong, merged
@@ -24,7 +25,7 @@ from seaid.checks.columns import Side
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
 from seaid.checks.model import delays_of, model_findings, selections
-from seaid.checks.setup import joint_checks, log_findings, setup_findings
+from seaid.checks.setup import log_findings, setup_findings
 from seaid.checks.verdict import Contact, RobotFit
 from seaid.drives import IDEAL_DRIVE, Drive
 from seaid.errors import (
@@ -121,6 +122,29 @@ def check(
         findings += [x for x in quick if x.joint not in unseen]
     joints = joint_checks(experiment, motions, findings, delays)
     return SetupCheck(merged(findings), joints)
+
+
+def joint_checks(
+    experiment: Experiment,
+    motions: Sequence[Motion],
+    findings: list[Finding],
+    delays: Mapping[str, tuple[float, float]],
+) -> Mapping[str, JointCheck]:
+    """Return what the motions of an experiment show of each joint, and add a note if that fails.
+
+    `delays` {joint: delay of its torque and standard error [s]} are those of a fit.
+    """
+    swings = np.max([np.ptp(motion.joint_position, axis=0) for motion in motions], axis=0).tolist()
+    names = experiment.robot.joint_names
+    checks = dict(zip(names, map(JointCheck, swings), strict=True))
+    with guarded(CODES["gear-ratio"], findings):
+        moving, unknown = experiment.in_motion, (math.nan, math.nan)
+        for j, joint in enumerate(names):
+            slope = gears.encoder_slope(experiment, j) if experiment.both[j] else math.nan
+            misfits = float(moving.nominal[j]), float(moving.free[j]), float(moving.of_motors[j])
+            ratio, delay = experiment.encoder_ratios.get(j, unknown), delays.get(joint, unknown)
+            checks[joint] = JointCheck(swings[j], slope, *misfits, *ratio, *delay)
+    return FrozenMapping(checks, "joint")
 
 
 def findings_of_setup(

@@ -22,7 +22,6 @@ from seaid.checks.columns import unknown_scales
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.experiment import experiment_of
 from seaid.checks.model import delays_of, model_findings, without_echoes, without_setup_echoes
-from seaid.checks.setup import joint_checks
 from seaid.checks.values import (
     drive_findings,
     fixed_findings,
@@ -41,6 +40,7 @@ from seaid.drives.terms import places_of
 from seaid.errors import Finding
 from seaid.estimation import Estimate, estimator_named
 from seaid.estimation.qr_factor import QRFactor, qr_factor_of
+from seaid.identification.checking import joint_checks
 from seaid.identification.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.datasets import Dataset, processing_of
 from seaid.identification.drive_estimates import with_fixed_delays, with_free_scale

@@ -19,14 +19,13 @@ from seaid._progress import track
 from seaid.checks.predictions import not_measured, unseen_motion
 from seaid.checks.setup import log_findings
 from seaid.checks.tolerances import MOST
-from seaid.checks.verdict import explained
 from seaid.errors import Finding, Hertz, IdentificationError, checked
 from seaid.estimation.fitting import EstimatorName
 from seaid.estimation.parameters import with_groups
 from seaid.identification import output_error
 from seaid.identification.conclusion import conclude, consistent_bodies
 from seaid.identification.datasets import Source, sources_of
-from seaid.identification.problem import Method, Options, solve
+from seaid.identification.problem import Method, Options, explained, solve
 from seaid.identification.result import Fit, Identification, Validation, extension_of
 from seaid.identification.two_step import ONLY
 from seaid.identification.unseen_springs import (

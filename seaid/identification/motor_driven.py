@@ -12,7 +12,7 @@ to the torque on the joint, and to its derivatives by the p parameters.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -67,8 +67,8 @@ _MOST_ENTRIES = 1_000_000
 """Entries of the response of the joints in memory at a time, of 20 or so arrays of this size."""
 
 
-def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> Iterator[Run]:
-    """Yield a log without gaps, with the wider cutoff, in parts of whole windows."""
+def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> list[Run]:
+    """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
     known, motion = layout.identification.known, _in_wider_band(layout, log)
     if layout.unseen:
         motion = joint_dynamics.smoothed(motion, [known.index(joint) for joint in layout.unseen])
@@ -88,12 +88,14 @@ def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> Iterator[Ru
     # Response of s joints: (T, s, 1 + p + 2 s), the residual, p parameters, 2 s initial states.
     per_window = window * len(simulated) * (1 + len(layout.parameters) + 2 * len(simulated))
     most = max(1, _MOST_ENTRIES // max(per_window, 1))
+    runs = []
     for start in range(0, windows, most):
         count = min(most, windows - start)
         first = transient + start * window
         part = slice(first, first + count * window)
         reading = motion.joint_position[part, simulated]
-        yield Run(motion.samples(part), reading, still[part], count, block)
+        runs.append(Run(motion.samples(part), reading, still[part], count, block))
+    return runs
 
 
 def _in_wider_band(layout: Layout, log: Log) -> Motion:

@@ -8,7 +8,8 @@ find.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -18,10 +19,9 @@ from seaid.checks.channels import locked_outputs
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
 from seaid.checks.model import SideSelection, selections
 from seaid.checks.setup import log_findings
-from seaid.checks.verdict import explained
 from seaid.drives import Drive
 from seaid.drives.drives import check_groups
-from seaid.errors import Finding, IdentificationError
+from seaid.errors import Finding, IdentificationError, SeaidError
 from seaid.estimation import Estimator, estimator_named
 from seaid.estimation.fitting import EstimatorName
 from seaid.estimation.parameters import check_buses
@@ -68,6 +68,21 @@ from seaid.robot import Robot
 
 Method = Literal["auto", "two-step", "simultaneous"]
 """Values of `method=`."""
+
+
+@contextmanager
+def explained(findings: Callable[[], Sequence[Finding]]) -> Iterator[None]:
+    """Put before an error of seaid the finding that explains it: a wrong set-up, and its remedy.
+
+    The `findings` are only looked for if there is an error.
+    """
+    try:
+        yield
+    except SeaidError as problem:
+        for wrong in [x for x in findings() if x.severity == "wrong"][:1]:
+            text = f"{wrong.code}: {wrong.message}; and so: {problem}\n{wrong.remedy}"
+            problem.args = SeaidError(text).args
+        raise
 
 
 @dataclass(frozen=True, eq=False)
