@@ -1,9 +1,9 @@
 """Checks: what can be wrong with a set-up, its log or a result, and how it shows.
 
-- `check`: the objects by which checks are declared;
 - `codes`: what each finding stands for, with its usual cause and what to do, and which findings
   follow from others;
-- `engine`: which columns belong into an equation, by forward selection. `columns` (drives) and
+- `engine`: how checks are declared and made, and which columns belong into an equation, by forward
+  selection. `columns` (drives) and
   `gears` (with their sensors) propose them, `terms` computes those of drives, and `model` selects
   and names.
 

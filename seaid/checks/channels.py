@@ -15,8 +15,8 @@ import numpy as np
 from seaid._arrays import Array, is_constant, runs
 from seaid._files import toml_key
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Check
 from seaid.checks.codes import CODES, Channel, channels_of, in_description, in_drives
+from seaid.checks.engine import Check
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, Severity, listed

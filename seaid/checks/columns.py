@@ -16,9 +16,8 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
-from seaid.checks.check import Need
 from seaid.checks.codes import CODES, EXPLAINED, Sources, in_drives, only_joint
-from seaid.checks.engine import Acceptance, ColumnCheck
+from seaid.checks.engine import Acceptance, ColumnCheck, Need
 from seaid.checks.experiment import sources_of
 from seaid.checks.terms import (
     DriveRows,

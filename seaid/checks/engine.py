@@ -1,4 +1,10 @@
-"""Forward selection of the columns that an equation lacks.
+"""What a check is, how checks are made, and forward selection of what an equation lacks.
+
+A `Check` looks at a subject, such as the samples of a log (`channels`), an experiment (`setup`), or
+an equation of a fit at a joint (`columns`). It proposes findings of what it sees, transforms that
+undo a mistake, or columns that an equation may lack: the latter two are tested against each other.
+Checks are declared where they are written, in tuples for each subject; `proposals` makes them. A
+check that fails is no reason to lose the result: its error becomes a note.
 
 What is wrong with a set-up or a model, a torque that is late or a term that a drive lacks, is a
 `Candidate`: columns that it adds to the rows of a fit. Every candidate is tested at the same rows:
@@ -16,28 +22,75 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, TypeVarTuple
 
 import numpy as np
 from scipy.special import stdtrit
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
-from seaid.checks.check import Check
 from seaid.checks.tolerances import CONFIDENCE, MOST, NEGLIGIBLE, SIGNIFICANT, SLIGHT
 from seaid.drives import ParameterName
-from seaid.errors import IdentificationError
+from seaid.errors import IdentificationError, reason_of
 from seaid.estimation import qr_factor
 from seaid.estimation.covariance import long_run_of
 from seaid.log.filtering import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
+    from seaid.checks.codes import Code
     from seaid.errors import Finding
     from seaid.estimation import FittedRows
     from seaid.regressor import Regression
+
+Subject = TypeVarTuple("Subject")
+Proposal = TypeVar("Proposal")
+
+
+@dataclass(frozen=True)
+class Need(Generic[*Subject]):
+    """What a check needs of its subject: in words, as a noun, and whether a subject has it."""
+
+    words: str
+    is_met: Callable[[*Subject], bool]
+
+
+@dataclass(frozen=True)
+class Check(Generic[*Subject, Proposal]):
+    """A check of a subject: what it proposes is of its `code`, if the subject meets all `needs`."""
+
+    code: Code
+    needs: tuple[Need[*Subject], ...]
+    proposed: Callable[[*Subject], Iterable[Proposal]]
+
+
+def proposals(
+    checks: Iterable[Check[*Subject, Proposal]], notes: list[Finding], *subject: *Subject
+) -> Iterator[Proposal]:
+    """Yield what checks propose for a subject, and add the `notes` on those that raise."""
+    for check in checks:
+        with guarded(check.code, notes):
+            if all(need.is_met(*subject) for need in check.needs):
+                yield from check.proposed(*subject)
+
+
+def observed(checks: Iterable[Check[*Subject, Finding]], *subject: *Subject) -> list[Finding]:
+    """Return the findings of checks, in their order, and notes on those that raise."""
+    notes: list[Finding] = []
+    return [*proposals(checks, notes, *subject), *notes]
+
+
+@contextmanager
+def guarded(code: Code, findings: list[Finding]) -> Iterator[None]:
+    """Add to findings, if a check of a code raises, the note that it could not be made."""
+    try:
+        yield
+    except Exception as problem:  # the fit stands, whatever a check meets
+        text = f"the check '{code.name}' could not be made: {reason_of(problem)}"
+        findings.append(code.note(text))
+
 
 Fit = TypeVar("Fit")
 

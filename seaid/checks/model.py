@@ -17,10 +17,9 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid.checks import codes, columns, engine, gears
-from seaid.checks.check import guarded, proposals
 from seaid.checks.codes import CODES, EXPLAINED, Cause, joints_of, notes_beside, undecided
 from seaid.checks.columns import DRIVE_CHECKS, Side, SideNeed
-from seaid.checks.engine import ColumnCheck
+from seaid.checks.engine import ColumnCheck, guarded, proposals
 from seaid.checks.gears import common_delay, torque_delays
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG, SURE, TWICE

@@ -26,8 +26,8 @@ from scipy.special import chdtri
 from seaid._arrays import Array
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Check, Need, guarded, observed, proposals
 from seaid.checks.codes import CODES, Code, Source, in_drives
+from seaid.checks.engine import Check, Need, guarded, observed, proposals
 from seaid.checks.experiment import (
     KINDS,
     SHORTLIST,

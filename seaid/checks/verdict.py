@@ -17,8 +17,8 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Check, guarded, observed
 from seaid.checks.codes import CODES, as_note, excluding_torque
+from seaid.checks.engine import Check, guarded, observed
 from seaid.checks.experiment import Experiment
 from seaid.errors import Certainty, Finding, IdentificationError, Severity, listed
 from seaid.estimation import Estimate, FittedRows, qr_factor

@@ -19,10 +19,10 @@ from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_n
 from seaid._progress import Result, counted
 from seaid.checks import CODES, JointCheck, gears
 from seaid.checks.channels import stop_findings, strength_findings, without_torque
-from seaid.checks.check import Check, guarded, observed
 from seaid.checks.codes import is_wrong, merged
 from seaid.checks.columns import Side
 from seaid.checks.commands import delay_estimate_findings
+from seaid.checks.engine import Check, guarded, observed
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
 from seaid.checks.model import delays_of, model_findings, selections
 from seaid.checks.setup import log_findings, setup_findings

@@ -16,10 +16,10 @@ import numpy as np
 from seaid._arrays import FrozenMapping
 from seaid.checks import CODES
 from seaid.checks.channels import excluded_findings, standstill_findings
-from seaid.checks.check import guarded
 from seaid.checks.codes import consequences, is_wrong
 from seaid.checks.columns import unknown_scales
 from seaid.checks.commands import delay_estimate_findings
+from seaid.checks.engine import guarded
 from seaid.checks.experiment import experiment_of
 from seaid.checks.model import delays_of, model_findings, without_echoes, without_setup_echoes
 from seaid.checks.values import (

@@ -28,8 +28,8 @@ from scipy.special import fdtrc, stdtrit
 from seaid._arrays import Array, FrozenMapping, is_constant, safely
 from seaid._progress import counted
 from seaid.checks import CODES
-from seaid.checks.check import Check, observed
 from seaid.checks.codes import only_joint
+from seaid.checks.engine import Check, observed
 from seaid.checks.tolerances import MANY_TIMES, MOST, NEGLIGIBLE, RARE
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate, FittedRows

@@ -33,8 +33,7 @@ from scipy.special import ndtr, stdtrit
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid._progress import Display
 from seaid.checks import CODES
-from seaid.checks.check import Check
-from seaid.checks.engine import Alternative, equation_of
+from seaid.checks.engine import Alternative, Check, equation_of
 from seaid.checks.tolerances import FEW, MATTERS, SURE
 from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import Estimate, FittedRows

@@ -19,9 +19,9 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import toml_table
 from seaid.checks import CODES, engine
-from seaid.checks.check import observed
 from seaid.checks.codes import Remedy, is_wrong
 from seaid.checks.columns import Side
+from seaid.checks.engine import observed
 from seaid.checks.experiment import MOST_STEPS
 from seaid.checks.gears import late_channels, late_columns, torque_channel
 from seaid.checks.model import COLUMN_CHECKS, column_checks

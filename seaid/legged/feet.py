@@ -21,8 +21,8 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
 from seaid._progress import Display, counted
 from seaid.checks import CODES
-from seaid.checks.check import Check, observed
 from seaid.checks.codes import in_description, only_joint
+from seaid.checks.engine import Check, observed
 from seaid.checks.tolerances import FEW, MOST, RARE
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed
 from seaid.legged.floating import FloatingRobot, base_of, contact_map, floating_regressor, guided

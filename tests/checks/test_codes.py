@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 import seaid
 from seaid import checks
 from seaid.checks import CODES, engine, model, setup, verdict
-from seaid.checks.check import Check, observed
 from seaid.checks.codes import consequences, in_drives, merged, that_matter
+from seaid.checks.engine import Check, observed
 from seaid.checks.experiment import Experiment
 from seaid.checks.tolerances import MOST_ALIKE
 from seaid.checks.verdict import RobotFit

@@ -18,8 +18,8 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.checks.bodies import _with_length, file_findings
-from seaid.checks.check import Check
 from seaid.checks.codes import CODES
+from seaid.checks.engine import Check
 from seaid.checks.experiment import (
     _FIELDS_OF,
     SHORTLIST,

@@ -9,7 +9,7 @@ from scipy.ndimage import binary_erosion
 import seaid
 from scripts.benchmarks.legged import noisy
 from scripts.legged_plant import GO2, plan, plant, simulate
-from seaid.checks.check import observed
+from seaid.checks.engine import observed
 from seaid.legged.contacts import FEET_CHECKS, LeggedFit
 from tests.legged.test_base import STANDING, base_of, go2, with_base
 from tests.legged.test_feet import walked

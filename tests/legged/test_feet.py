@@ -17,7 +17,7 @@ from scripts.identify_biped import simulate as biped_log
 from scripts.identify_biped import standing_plan, write_biped
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
-from seaid.checks.check import observed
+from seaid.checks.engine import observed
 from seaid.drives import ParameterName
 from seaid.errors import Finding, IdentificationError, LogError, SeaidError
 from seaid.identification.result import extension_of

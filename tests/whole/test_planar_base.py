@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
-from seaid.checks.check import observed
+from seaid.checks.engine import observed
 from seaid.errors import SeaidError
 from seaid.legged.base import RECORD_CHECKS, BaseRecord
 from seaid.legged.floating import floating_regressor, floating_rows, planar_rotations
