@@ -1,4 +1,4 @@
-"""Every term of a drive in simulation: against its equations, and mechanics known exactly."""
+"""Every term of a drive in simulation: against its equations, mechanics known exactly, and back."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,9 +15,10 @@ from seaid._arrays import Array
 from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation, spring_equation
 from seaid.drives.equations import DriveEquation, joint_equation
 from seaid.errors import RobotError, SeaidError
+from seaid.identification import identify
 from seaid.legged import load_robot
 from seaid.robot import Robot
-from seaid.simulation import Noise
+from seaid.simulation import Noise, simulate
 from seaid.simulation.forward_dynamics import advance, begin_of, gear_torques
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
 from seaid.simulation.simulation import measure, simulate_motion
@@ -415,3 +416,67 @@ def test_friction_under_load_above_one_does_not_settle(write_chain: Chain) -> No
     state = np.array([[40.0], [40.0], [1.0], [1.0]])
     with pytest.raises(SeaidError, match="load_friction must be well below one"):
         begin_of(plant, plant.model.createData(), state, np.zeros(1), np.ones(1))
+
+
+_SENSORS = Noise(
+    motor_resolution_rad=2 * np.pi / 2**16,
+    joint_resolution_rad=2 * np.pi / 2**21,
+    torque_std_Nm=0.0005,
+)
+
+_CUTOFF_HZ = 15.0
+"""Reversals of friction are faster than the motion: behind a filter at 4 Hz they look wider."""
+
+EXPERIMENTS: dict[str, tuple[Drive, Drive]] = {
+    "load, cubic, current": (
+        stiff({"load_friction": 0.08}, friction=(*DRY, "load")),
+        elastic(
+            {"stiffness": 30.0, "cubic_stiffness": 4e3, "torque_constant": 0.05},
+            spring=("linear", "cubic"),
+            motor_input="current",
+        ),
+    ),
+    "quadratic, parallel, dead zone": (
+        stiff(
+            {"quadratic_friction": 1e-5, "parallel_stiffness": 3.0, "parallel_preload": 1.0},
+            friction=(*DRY, "quadratic"),
+            parallel_spring=("linear", "preload"),
+        ),
+        elastic({"dead_zone": 0.01}, spring=("linear", "dead_zone")),
+    ),
+    "preload, load of a spring, joint friction": (
+        STIFF,
+        elastic(
+            {
+                "load_friction": 0.08,
+                "spring_offset": 1.0,
+                "joint_viscous_friction": 0.1,
+                "joint_coulomb_friction": 0.15,
+            },
+            friction=(*DRY, "load"),
+            spring=("linear", "preload"),
+            joint_friction=("viscous", "coulomb"),
+        ),
+    ),
+}
+
+
+@pytest.mark.slow  # six seconds of two drives, simulated step by step
+@pytest.mark.parametrize("terms", EXPERIMENTS)
+def test_what_was_simulated_is_found_again(terms: str, tmp_path: Path) -> None:
+    """What the terms bring is within three of its standard errors, which are small."""
+    robot = arm(tmp_path, *EXPERIMENTS[terms])
+    trajectory = wiggle(robot, 6.0, (0.0, 0.0), (1.2, 1.5))
+    log = simulate(robot, trajectory, rate_hz=500.0, noise=_SENSORS, seed=1)
+    found = identify(robot.without_nominal(), log, cutoff_hz=_CUTOFF_HZ)
+    for joint, estimate in found.drives.items():
+        drive = robot.drives[joint]
+        plain = STIFF if isinstance(drive, StiffDrive) else ELASTIC
+        wanted = [name for name, one in drive.values.items() if plain.values.get(name) != one]
+        assert set(wanted) <= set(estimate.names)
+        for name in wanted:
+            truth, error = drive.values[name], estimate.standard_error(name)
+            assert abs(estimate.value(name) - truth) < 3 * error, (joint, name)
+            assert error < 0.2 * abs(truth), (joint, name, error)
+        friction = drive.values["viscous_friction"]
+        assert estimate.value("viscous_friction") == pytest.approx(friction, rel=0.04)
