@@ -7,6 +7,7 @@ import pickle
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -88,6 +89,18 @@ def log_with(joints: str | Sequence[str], time: Array, **columns: Array) -> Log:
     needed = dict.fromkeys(("joint_position", "motor_position", "motor_torque"), unknown)
     given: dict[str, Any] = {name: x.reshape(unknown.shape) for name, x in columns.items()}
     return Log(time=time, joint_names=names, **(needed | given))
+
+
+def picked(source: Log, joints: list[int], names: tuple[str, ...]) -> Log:
+    """Return the log of some joints, in any order and under other names."""
+    return replace(
+        source,
+        joint_names=names,
+        motor_position=source.motor_position[:, joints],
+        joint_position=source.joint_position[:, joints],
+        motor_torque=source.motor_torque[:, joints],
+        is_prismatic=tuple(source.is_prismatic[joint] for joint in joints),
+    )
 
 
 def regression(H: Array, y: Array, *, unit: str = "kg", **more: Any) -> Regression:

@@ -31,6 +31,7 @@ from seaid.log import Log, Motion
 from seaid.regressor import joint_torques
 from seaid.robot import Robot
 from tests.experiments import motion_of
+from tests.plants import log_with
 
 PERIOD_S, RATE_HZ = 8.0, 250.0
 TIME = np.arange(int(PERIOD_S * RATE_HZ)) / RATE_HZ
@@ -213,15 +214,10 @@ def noisy_log(
         for name in ("motor_current", "motor_voltage")
         if np.any(np.isfinite(values := getattr(motion, name)))
     }
-    return Log(
-        time=motion.time,
-        joint_names=motion.joint_names,
-        joint_position=measured(motion.joint_position, angle_std),
-        motor_position=measured(motion.motor_position, motor_std or angle_std),
-        motor_torque=measured(motion.motor_torque, torque_std),
-        motor_current=inputs.get("motor_current"),
-        motor_voltage=inputs.get("motor_voltage"),
-    )
+    inputs["joint_position"] = measured(motion.joint_position, angle_std)
+    inputs["motor_position"] = measured(motion.motor_position, motor_std or angle_std)
+    inputs["motor_torque"] = measured(motion.motor_torque, torque_std)
+    return log_with(motion.joint_names, motion.time, **inputs)
 
 
 def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> Identification:

@@ -367,26 +367,3 @@ def test_names_of_any_letters_come_back_from_drives_and_descriptions(
     back = description_for(path.with_suffix(".csv"), path)
     assert back is not None
     assert back.to_dict() == written.to_dict()
-
-
-NOT_ZERO = "that is not zero, found"
-
-
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        ({"column": "q", "scale": 1e300}, f"(at most 1e+30 in size) {NOT_ZERO} 1e+300"),
-        ({"column": "q", "scale": 10**5000}, f"{NOT_ZERO} a int too long"),
-        ({"column": "q", "scale": True}, f"{NOT_ZERO} True"),
-        ({"column": ["q"] * 999}, "has 999 columns, needs 1"),
-        ({3: "q"}, "no key is named '3'"),
-        ([], "needs column (or, for a voltage, servo instead)"),
-    ],
-)
-def test_a_description_of_wrong_types_is_told_in_words(
-    tmp_path: Path, source: object, words: str
-) -> None:
-    with pytest.raises(LogError) as caught:
-        description_for(tmp_path / "log.csv", {"joints": {"a": {"joint_position": source}}})
-    assert words in str(caught.value)
-    assert len(str(caught.value)) < 500

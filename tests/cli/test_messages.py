@@ -91,9 +91,7 @@ def test_a_project_in_place_of_a_robot_is_named(tmp_path: Path, command: str) ->
 
 USAGE = {
     "inspect": "URDF: it is missing: name it, or have a seaid.toml here",
-    "identify arm.urdf": "LOG: it is missing",
     "export arm.urdf": "Missing option '--output' / '-o'",
-    "identfy arm.urdf run.csv": "No such command 'identfy'. Did you mean 'identify'?",
     "inspect arm.urdf --drive arm.toml": "No such option '--drive'. Did you mean '--drives'",
     # texts that are no value
     "inspect arm.urdf --payload lower": "is not link:mass:x,y,z, as foot:2.0:0.15,0,0",

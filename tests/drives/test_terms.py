@@ -155,9 +155,7 @@ def test_with_the_bent_parameters_given_the_rest_is_the_same_equation() -> None:
     nonlinear = replace(
         EVERYTHING, friction=("shifted_coulomb", "load", "stribeck"), spring=("linear", "dead_zone")
     )
-    drive = nonlinear.with_values(
-        {name: VALUES[name] for name in nonlinear.parameter_names if name in VALUES}
-    )
+    drive = with_own_values(nonlinear)
     regressor = drive_regressor(motor_equation(drive), drive)
     assert {"coulomb_shift", "stribeck_speed", "dead_zone"} <= set(regressor.non_linear)
     s = signals(1)

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from seaid.errors import ExcitationError, SeaidError
-from seaid.excitation import FourierBasis, JoinedBasis, Trajectory, load_trajectory, make_basis
+from seaid.excitation import (
+    BasisName,
+    FourierBasis,
+    JoinedBasis,
+    Trajectory,
+    load_trajectory,
+    make_basis,
+)
 from seaid.excitation.trajectory import message_times
 from tests.plants import polynomial_trajectory
 
@@ -20,13 +27,8 @@ def resting(scale: float = 1.0) -> Trajectory:
     return Trajectory(("rail", "elbow"), make_basis("bspline", 2.0, 12), values, ("rail",))
 
 
-def periodic() -> Trajectory:
-    basis = make_basis("fourier", 2.0, 9)
-    return Trajectory(("elbow",), basis, np.random.default_rng(0).normal(size=(9, 1)))
-
-
-def restless() -> Trajectory:
-    basis = make_basis("polynomial", 2.0, 9)
+def restless(name: BasisName = "polynomial") -> Trajectory:
+    basis = make_basis(name, 2.0, 9)
     return Trajectory(("elbow",), basis, np.random.default_rng(0).normal(size=(9, 1)))
 
 
@@ -58,8 +60,8 @@ def joined() -> Trajectory:
 
 
 def test_json_gives_back_the_same_motion_bit_for_bit(tmp_path: Path) -> None:
-    twice = Trajectory(("elbow",), FourierBasis(4, 2.0, 2), periodic().coefficients)
-    for motion in (resting(), restless(), periodic(), joined(), twice):
+    twice = Trajectory(("elbow",), FourierBasis(4, 2.0, 2), restless("fourier").coefficients)
+    for motion in (resting(), restless(), restless("fourier"), joined(), twice):
         motion.save(tmp_path / "motion.json")
         again = load_trajectory(tmp_path / "motion.json")
         assert again.joint_names == motion.joint_names
@@ -145,15 +147,11 @@ def test_broken_files_say_what_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "motion.json"
     with pytest.raises(ExcitationError, match="cannot read trajectory"):
         load_trajectory(path)
-    path.write_text("{")
-    with pytest.raises(ExcitationError, match="is not JSON"):
-        load_trajectory(path)
-    path.write_text("[1]")
-    with pytest.raises(ExcitationError, match="is no trajectory"):
-        load_trajectory(path)
     resting().save(path)
     content = json.loads(path.read_text())
     for text, words in (
+        ("{", "is not JSON"),
+        ("[1]", "is no trajectory"),
         (change(content, format="other 2"), "is no trajectory: 'format' is 'other 2'"),
         (change(content, basis="drop"), "is not complete"),
         (change(content, basis={"type": "spline", "degree": 5}), "is not complete: KeyError"),

@@ -294,12 +294,8 @@ def test_drake_reads_its_file(tmp_path: Path) -> None:
     assert plant.GetJointByName("arm").default_damping() == pytest.approx(VISCOUS)
 
 
-SPRING = SeriesElasticDrive(
-    gear_ratio=N,
-    motor_inertia_kg_m2=I_M,
-    viscous_friction_Nms_per_rad=F_V,
-    coulomb_friction_Nm=F_C,
-    stiffness_Nm_per_rad=100.0,
+SPRING = SeriesElasticDrive(gear_ratio=N, motor_inertia_kg_m2=I_M).with_values(
+    {"viscous_friction": F_V, "coulomb_friction": F_C, "stiffness": 100.0}
 )
 WITH: Mapping[str, Any] = {
     "spring": SPRING,

@@ -106,12 +106,8 @@ def test_reloaded_torques_are_equal_and_all_else_in_the_file_is_as_it_was(
 
 
 def fixed_robot(tmp_path: Path) -> Robot:
-    drive = StiffDrive(
-        gear_ratio=10.0,
-        motor_inertia_kg_m2=1e-4,
-        viscous_friction_Nms_per_rad=2e-3,
-        coulomb_friction_Nm=0.05,
-    )
+    friction = {"viscous_friction": 2e-3, "coulomb_friction": 0.05}
+    drive = StiffDrive(gear_ratio=10.0, motor_inertia_kg_m2=1e-4).with_values(friction)
     return loaded(tmp_path, drives={"hip": drive})
 
 

@@ -536,23 +536,7 @@ def _json(rng: Random, text: str) -> bytes:
     return encoded(rng, json.dumps(damaged_tree(rng, json.loads(text), EXPRESSIONS)))
 
 
-TARGETS: dict[str, Target] = {
-    "urdf": urdf,
-    "drives": drives,
-    "description": description,
-    "parameters": parameters,
-    "run": saved_run,
-    "trajectory": trajectory,
-    "scene": scene,
-    "mesh": mesh,
-    "csv": csv_log,
-    "npz": npz_log,
-    "mat": mat_log,
-    "json": json_log,
-    "hdf5": hdf5_log,
-    "parquet": parquet_log,
-    "bag": bag_log,
-    "hebilog": hebi_log,
-    "identify": identify,
-    "command": command,
-}
+_NAMED: tuple[Any, ...] = (urdf, drives, description, parameters, trajectory, scene, mesh)
+_NAMED += (csv_log, npz_log, mat_log, json_log, hdf5_log, parquet_log, bag_log, identify, command)
+TARGETS: dict[str, Target] = {target.__name__.removesuffix("_log"): target for target in _NAMED}
+TARGETS |= {"run": saved_run, "hebilog": hebi_log}

@@ -19,6 +19,7 @@ from seaid.log import BaseLog, reconstruct_motion
 from seaid.log.base_log import BaseMotion, _without_jumps, base_jumps, continuous, moving_base
 from seaid.robot import Contact, Robot
 from seaid.robot.pinocchio_model import floating_model
+from tests import plants
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 TIME = np.arange(0, 4, 0.002)
@@ -67,14 +68,8 @@ def quaternions(R: Array) -> Array:
 
 
 def log_with(base: BaseLog | None, robot: Robot) -> seaid.Log:
-    return seaid.Log(
-        time=TIME,
-        joint_names=robot.joint_names,
-        joint_position=waves(robot.n, 0.4, 2),
-        motor_position=np.full((len(TIME), robot.n), np.nan),
-        motor_torque=waves(robot.n, 1.0, 3),
-        base=base,
-    )
+    columns = {"joint_position": waves(robot.n, 0.4, 2), "motor_torque": waves(robot.n, 1.0, 3)}
+    return replace(plants.log_with(robot.joint_names, TIME, **columns), base=base)
 
 
 def base_of(given: BaseLog, robot: Robot, cutoff_hz: float) -> BaseMotion:

@@ -309,10 +309,6 @@ def test_description_survives_its_toml(
 # Mistakes
 
 
-def of(column: str, **more: Any) -> Table:
-    return {"column": column, **more}
-
-
 MISTAKES = tomllib.loads((DATA / "descriptions" / "mistakes.toml").read_text("utf-8"))["mistake"]
 
 
@@ -333,8 +329,11 @@ def test_other_descriptions_that_cannot_be_meant_are_named(tmp_path: Path) -> No
     for key, value, words in (
         ("wraps", 10**400, "above zero (1e-30"),
         ("scale", None, "found None"),
+        ("scale", 1e300, "(at most 1e+30 in size) that is not zero, found 1e+300"),
+        ("scale", 10**5000, "that is not zero, found a int too long"),
+        (3, "q", "no key is named '3'"),
     ):
-        assert words in error_of(path, robot, described(motor_position=of("a", **{key: value})))
+        assert words in error_of(path, robot, described(motor_position={"column": "a", key: value}))
     speed = {"speed": given.joints["arm"]["motor_torque"]}
     wrong = LogDescription({"arm": dict(given.joints["arm"]) | speed})  # made in Python
     assert "no key is named 'speed'" in error_of(path, robot, wrong)

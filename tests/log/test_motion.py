@@ -14,6 +14,7 @@ from seaid.log import Log, Repair, reconstruct_motion
 from seaid.log.motion import reconstruct_motions
 from seaid.robot import Robot
 from tests.experiments import TEST_MASS, arm, arm_log, arm_motion, leg, leg_log, perfect_log
+from tests.plants import picked
 
 
 def log() -> Log:
@@ -26,17 +27,6 @@ def without(joint: str, *sides: str) -> Log:
     for values in positions.values():
         values[:, arm().index(joint)] = np.nan
     return replace(log(), **positions)
-
-
-def picked(source: Log, joints: list[int], names: tuple[str, ...]) -> Log:
-    return replace(
-        source,
-        joint_names=names,
-        motor_position=source.motor_position[:, joints],
-        joint_position=source.joint_position[:, joints],
-        motor_torque=source.motor_torque[:, joints],
-        is_prismatic=tuple(source.is_prismatic[joint] for joint in joints),
-    )
 
 
 def with_holes(source: Log, *holes: tuple[float, float]) -> Log:
@@ -87,14 +77,6 @@ def test_joints_come_in_the_robots_order_and_others_are_left_alone() -> None:
     assert found.joint_names == arm().joint_names
     assert np.array_equal(found.joint_position, expected.joint_position)
     assert np.array_equal(found.motor_torque, expected.motor_torque)
-
-
-@pytest.mark.parametrize("side", ["motor", "joint"])
-def test_stiff_joint_needs_one_encoder(side: str) -> None:
-    found = reconstruct_motion(arm(), without("rail", side), 8.0)
-    expected = reconstruct_motion(arm(), log(), 8.0)
-    assert np.allclose(found.motor_velocity, expected.motor_velocity, rtol=0, atol=1e-6)
-    assert np.allclose(found.joint_velocity, expected.joint_velocity, rtol=0, atol=1e-6)
 
 
 def refused() -> Iterator[tuple[Robot, Log, float | None, str]]:

@@ -75,16 +75,12 @@ MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
         ("goes backwards at sample 100 (0.99 s, then 0.9 s", REPAIR),
     ),
     (
-        {"time_s": (1.7e9 + TIME).astype(np.float32).astype(np.float64)},
-        ("time_s repeats at sample 1 (1.7e+09 s", "299 such places", RATE),
-    ),
-    (
         {"time_s": np.full(300, 2.5)},
         ("299 such places); it must increase: it is constant; if the stamps", RATE),
     ),
     (
         {"time_s": np.floor(1.7e9 + TIME)},
-        ("time_s repeats at sample 1", "seconds since 1970 need 13", RATE),
+        ("time_s repeats at sample 1 (1.7e+09 s", "seconds since 1970 need 13", RATE),
     ),
     (
         column("time_s", 5, np.nan),

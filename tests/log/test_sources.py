@@ -9,7 +9,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log import LogDescription, describe_log, read_log
+from seaid.log import Log, LogDescription, describe_log, read_log
 from seaid.log.channels import OF_JOINTS
 from seaid.log.describe import logs_of_files
 from seaid.log.sources import of_other_names
@@ -42,8 +42,6 @@ def both(folder: Path, time: str = "t") -> list[Path]:
 
 
 def check(log: object) -> None:
-    from seaid.log import Log
-
     assert isinstance(log, Log)
     np.testing.assert_allclose(log.joint_position[:, 0], q(log.time), atol=1e-6)
     np.testing.assert_allclose(log.motor_torque[:, 0], 1e-3 * tau(log.time), atol=2e-3)

@@ -197,12 +197,10 @@ def test_a_deflection_is_that_of_a_spring_in_its_unit(tmp_path: Path) -> None:
     made = write_first_project(tmp_path / "arm.urdf", [log], folder=tmp_path / "p")
     (said,) = [one for one in made.doubts if "its deflection is logged" in one]
     assert "gear_ratio = 1.0 is a placeholder" in said
-    project = load_project(tmp_path / "p")
-    robot = project.robot()
+    robot, (read,) = project_of(tmp_path / "p")
     drive = robot.drives["arm"]
     assert isinstance(drive, seaid.SeriesElasticDrive)
     assert (drive.ratio, drive.motor_input, dict(drive.std)) == (1.0, "current", {})
-    read = project.logs[0].read(robot)
     apart = read.motor_position[:, 0] - read.joint_position[:, 0]
     np.testing.assert_allclose(apart, 1e-3 * twist, atol=1e-9)
 
@@ -224,9 +222,7 @@ def test_logs_with_the_same_columns_have_one_description(tmp_path: Path) -> None
         old.unlink()
     write_first_project(tmp_path / "arm.urdf", logs, folder=folder)
     assert not list(folder.glob("2_columns*"))
-    project = load_project(folder)
-    robot = project.robot()
-    for log in (part.read(robot) for part in project.logs):
+    for log in project_of(folder)[1]:
         both = np.hstack([log.joint_position, log.motor_position])
         assert np.nanmax(np.abs(both)) == pytest.approx(0.6, rel=1e-2)
 
@@ -286,13 +282,9 @@ def test_a_ratio_that_only_rounding_spoils_has_no_error() -> None:
     robot = seaid.load_robot(MODELS / "tulip_leg.urdf")
     time = np.linspace(0.0, 10.0, 2001)
     joint = np.sin(np.outer(time, np.arange(1.0, 6.0)))
-    log = seaid.Log(
-        time=time,
-        motor_position=86.0 * joint,
-        joint_position=joint,
-        motor_torque=np.cos(np.outer(time, np.arange(2.0, 7.0))),
-        joint_names=robot.joint_names,
-    )
+    torque = np.cos(np.outer(time, np.arange(2.0, 7.0)))
+    columns = {"motor_position": 86.0 * joint, "joint_position": joint, "motor_torque": torque}
+    log = log_with(robot.joint_names, time, **columns)
     tables, doubts = inferred_drives(robot, [log])
     assert tables["hip_yaw"] == {"type": "stiff", "gear_ratio": 86.0}
     assert doubts[0].startswith(
@@ -313,7 +305,6 @@ def test_a_project_is_written_once_and_from_logs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("columns", "doubt"),
     [
-        ({"arm_pos_rad": 50.0, "arm_torque_Nm": 1.0}, "arm_pos_rad: goes beyond the limits of arm"),
         ({"arm_pos": 0.9, "arm_eff": 1.0}, "taken for the motor's torque converted to the joint"),
         (
             {"arm_enc_deg": 40.0, "arm_motor_rad": 20.0, "arm_torque_mNm": 1e3},
@@ -377,9 +368,6 @@ def test_a_ratio_with_a_large_error_is_asked_for(tmp_path: Path) -> None:
         assert doubt.startswith(f'{joint}: gear_ratio = "?": write that of the data sheet')
     text = _drives_text(tables, doubts, tmp_path / "drives.toml")
     assert text.count('\ngear_ratio = "?"\n') == 2
-    (tmp_path / "drives.toml").write_text(text)
-    with pytest.raises(SeaidError, match=r"\[a\]: key 'gear_ratio' is missing or '[?]'; give"):
-        seaid.load_robot(tmp_path / "robot.urdf", tmp_path / "drives.toml")
 
 
 def test_masses_are_as_uncertain_as_the_checks_assume(tmp_path: Path) -> None:
@@ -431,8 +419,7 @@ def test_names_of_the_user_win_over_a_description_and_names_of_seaid(
     made = write_first_project(
         tmp_path / "robot.urdf", log, folder=folder, columns=["t", "tau", "q"]
     )
-    project = load_project(folder)
-    read = project.logs[0].read(project.robot())
+    _, (read,) = project_of(folder)
     assert read.motor_torque[:, 0] == pytest.approx(np.sin(time))
     assert read.joint_position[:, 0] == pytest.approx(np.cos(3 * time))
     made.files[0].unlink()
@@ -449,9 +436,7 @@ def test_files_of_a_log_are_joined_where_the_user_names_the_time_of_each(tmp_pat
     logs = [tmp_path / "q.csv", tmp_path / "tau.csv"]
     columns = ["t", "q", "t", "tau"]
     write_first_project(tmp_path / "robot.urdf", logs, folder=tmp_path, columns=columns)
-    project = load_project(tmp_path)
-    (log,) = project.logs
-    read = log.read(project.robot())
+    _, (read,) = project_of(tmp_path)
     assert read.joint_position == pytest.approx(q)
     assert read.motor_torque == pytest.approx(tau)
 

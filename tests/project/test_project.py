@@ -234,8 +234,3 @@ def test_parts_of_logs_on_the_command_line(tmp_path: Path) -> None:
     assert log_at(Path("me@home.csv")).between_s is None
     with pytest.raises(SeaidError, match="must end after its start"):
         log_at(Path("run.csv@20:10"))
-
-
-def test_a_run_is_of_a_project_or_its_folder(tmp_path: Path) -> None:
-    with pytest.raises(SeaidError, match=r"cannot read the project '.*seaid.toml'"):
-        run_project(tmp_path)

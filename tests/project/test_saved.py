@@ -147,15 +147,11 @@ def test_a_folder_without_a_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "no saved run, which seaid run writes, .*: it is no archive of a run"),
         (b"t,q\n0,1\n", "no saved run, which seaid run writes, .*: it is no archive of a run"),
         (b"PK\x03\x04 no archive", "damaged"),
         ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 7'"),
         ({"format": "seaid run 2"}, "damaged"),
-        (
-            {"format": "seaid run 7", "run": {"is": "Popen", "fields": {}}},
-            "damaged",
-        ),
+        ({"format": "seaid run 7", "run": {"is": "Popen", "fields": {}}}, "damaged"),
     ],
 )
 def test_a_damaged_file_and_a_foreign_class_are_refused(

@@ -403,7 +403,7 @@ def test_table_says_all_of_it(write_chain: Chain) -> None:
     [
         (("motor_torqe",), r"'hip_yaw'.* 'motor_torqe'; did you mean 'motor_torque'"),
         ({"knee_pitc": BOTH}, r"'knee_pitc'; did you mean 'knee_pitch'"),
-        ("deflection", r"must be a list of names or a .* text 'deflection'"),
+        ("deflection", r"must be a list of names or a mapping.* text 'deflection'"),
         (None, "the same robot with other payloads"),
     ],
 )

@@ -3,7 +3,8 @@
 import math
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -138,25 +139,10 @@ def test_the_change_of_a_negative_parameter_has_the_sign_of_its_significance() -
 
 def test_forces_that_are_not_known_are_dashes() -> None:
     nothing, one = np.full((3, 1, 3), np.nan), np.array([np.nan])
-    forces = ContactForces(
-        links=("foot",),
-        basis=("none",),
-        predicted=nothing,
-        measured=nothing,
-        rms_force=one,
-        rms_error=one,
-        relative_error=one,
-        scale=one,
-        mean_normal=one,
-        least_normal=one,
-        standard_error=one,
-        friction_used=one,
-        pulled=one,
-        weight=157.8,
-        vertical=math.nan,
-        measured_vertical=math.nan,
-    )
-    table = tables.contact_table("validation", forces)
+    values: dict[str, Any] = {field.name: one for field in fields(ContactForces)}
+    values |= {"links": ("foot",), "basis": ("none",), "predicted": nothing, "measured": nothing}
+    values |= {"weight": 157.8, "vertical": math.nan, "measured_vertical": math.nan}
+    table = tables.contact_table("validation", ContactForces(**values))
     assert table.texts[1] == [["foot", "none", *["-"] * 7]]
     assert {cell.text for cell in table.cells[0][2:]} == {"–"}
     assert table.caption.endswith("Normal forces in sum: weight 157.8 N.")

@@ -72,30 +72,16 @@ def gripper_text() -> str:
     return tree(_JOINTS, _LINKS)
 
 
+VALUES = ("motor_inertia_kg_m2", "viscous_friction_Nms_per_rad", "coulomb_friction_Nm")
 DRIVES: dict[str, Any] = {
-    "shoulder": {
-        "type": "series_elastic",
-        "gear_ratio": 50.0,
-        "motor_inertia_kg_m2": 2e-5,
-        "stiffness_Nm_per_rad": 300.0,
-        "viscous_friction_Nms_per_rad": 2e-4,
-        "coulomb_friction_Nm": 0.01,
-    },
-    "turn": {
-        "type": "stiff",
-        "gear_ratio": 30.0,
-        "motor_inertia_kg_m2": 1e-5,
-        "viscous_friction_Nms_per_rad": 1e-4,
-        "coulomb_friction_Nm": 0.004,
-    },
-    "squeeze": {
-        "type": "stiff",
-        "gear_ratio_rad_per_m": 400.0,
-        "motor_inertia_kg_m2": 5e-6,
-        "viscous_friction_Nms_per_rad": 5e-5,
-        "coulomb_friction_Nm": 0.003,
-    },
+    joint: {"type": "stiff", ratio: value, **dict(zip(VALUES, values, strict=True))}
+    for joint, ratio, value, *values in (
+        ("shoulder", "gear_ratio", 50.0, 2e-5, 2e-4, 0.01),
+        ("turn", "gear_ratio", 30.0, 1e-5, 1e-4, 0.004),
+        ("squeeze", "gear_ratio_rad_per_m", 400.0, 5e-6, 5e-5, 0.003),
+    )
 }
+DRIVES["shoulder"] |= {"type": "series_elastic", "stiffness_Nm_per_rad": 300.0}
 
 
 @pytest.fixture

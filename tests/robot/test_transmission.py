@@ -410,6 +410,7 @@ def test_torques_behind_linkages_and_their_slopes_are_those_of_the_bodies() -> N
         ("stiff differential", "motor_position", ([1], [2], [1, 2], [0, 1, 2])),
         # the drive of wrist_roll is stiff, and that of wrist_pitch has a spring
         ("mixed differential", "joint_position", ([1], [2])),
+        *(("sliding", f"{side}_position", ([0], [3], [0, 3])) for side in ("joint", "motor")),
     ],
 )
 def test_a_missing_side_of_a_differential_is_computed_from_the_other(

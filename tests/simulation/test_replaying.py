@@ -13,14 +13,12 @@ from seaid.simulation import compare_replays, replay
 from seaid.simulation.replaying import rollout, without_unknown_terms
 from tests.experiments import MODELS
 from tests.one_joint import chain
+from tests.plants import log_with
 from tests.representatives import quick_first
 
 PENDULUM = seaid.Payload("arm", 0.49, (0.0, 0.0, -0.1))
-DRIVE = seaid.StiffDrive(
-    gear_ratio=10.0,
-    motor_inertia_kg_m2=2e-5,
-    viscous_friction_Nms_per_rad=1e-4,
-    coulomb_friction_Nm=2e-3,
+DRIVE = seaid.StiffDrive(gear_ratio=10.0, motor_inertia_kg_m2=2e-5).with_values(
+    {"viscous_friction": 1e-4, "coulomb_friction": 2e-3}
 )
 
 
@@ -33,10 +31,8 @@ def pendulum(drive: seaid.StiffDrive = DRIVE) -> seaid.Robot:
 def swing(robot: seaid.Robot, torque: np.ndarray | None = None, step_s: float = 0.005) -> seaid.Log:
     """Return a log that starts at rest at 0.5 rad; only that and the torque matter."""
     time = np.arange(0.0, 1.2, step_s)
-    nothing = np.full((len(time), 1), np.nan)
-    start = np.full((len(time), 1), 0.5)
-    given = nothing if torque is None else torque
-    return seaid.Log(time, robot.joint_names, nothing, start, given)
+    more = {} if torque is None else {"motor_torque": torque}
+    return log_with(robot.joint_names, time, joint_position=np.full(len(time), 0.5), **more)
 
 
 def test_logged_torques_and_a_servo_that_gives_the_same_move_alike() -> None:
@@ -60,7 +56,7 @@ def test_a_logged_torque_is_linear_between_its_samples() -> None:
         time = np.arange(0.0, 1.0, step_s)
         torque = np.interp(time, 0.1 * np.arange(len(knots)), knots)[:, None]
         start = np.full_like(torque, 0.5)
-        log = seaid.Log(time, ("pendulum",), np.full_like(torque, np.nan), start, torque)
+        log = log_with("pendulum", time, joint_position=start, motor_torque=torque)
         moved.append(replay(pendulum(), log).joint_position[:: round(0.002 / step_s)])
     assert np.ptp(moved[1]) > 1.0
     np.testing.assert_allclose(moved[0], moved[1], atol=6.4e-6)
@@ -237,8 +233,8 @@ def two_joints(folder: Path) -> tuple[seaid.Robot, seaid.Log]:
     robot = chain(folder, "first", "second").with_drives({"first": drive, "second": drive})
     time = np.arange(0.0, 0.6, 0.01)
     torque = np.column_stack([2 * np.sin(9 * time), 9 * np.sin(14 * time)])
-    nothing, start = np.full((len(time), 2), np.nan), np.full((len(time), 2), 0.1)
-    log = seaid.Log(time, robot.joint_names, nothing, start, torque)
+    start = np.full_like(torque, 0.1)
+    log = log_with(robot.joint_names, time, joint_position=start, motor_torque=torque)
     moved = rollout(robot, log)
     return robot, replace(log, joint_position=moved.joint_position)
 

@@ -20,18 +20,11 @@ from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, MODELS, arm, arm_motion, leg, wiggle
 from tests.simulation.swings import SLIDER, Chain, pendulum, run
 
-SPRING = SeriesElasticDrive(
-    gear_ratio=50.0,
-    motor_inertia_kg_m2=1e-5,
-    stiffness_Nm_per_rad=40.0,
-    viscous_friction_Nms_per_rad=0.0,
-    coulomb_friction_Nm=0.02,
+SPRING = SeriesElasticDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5).with_values(
+    {"stiffness": 40.0, "viscous_friction": 0.0, "coulomb_friction": 0.02}
 )
-STIFF = StiffDrive(
-    gear_ratio=50.0,
-    motor_inertia_kg_m2=1e-5,
-    viscous_friction_Nms_per_rad=0.0,
-    coulomb_friction_Nm=0.3,
+STIFF = StiffDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5).with_values(
+    {"viscous_friction": 0.0, "coulomb_friction": 0.3}
 )
 STEP_S = 5e-4
 

@@ -69,8 +69,6 @@ def link_placements(robot: Robot, q: Array) -> dict[str, pin.SE3]:
             ("ur5_robot.urdf", None, 1e-9),
             ("tiago_no_hand.urdf", None, 1e-9),
             ("a1.urdf", None, 1e-9),
-            ("kinova.urdf", None, 1e-9),
-            ("double_pendulum.urdf", None, 1e-9),
         ],
         2,
     ),

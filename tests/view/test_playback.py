@@ -22,7 +22,7 @@ from seaid.view.panel import deflection_colors, legend, scales
 from seaid.view.picture import NEUTRAL
 from seaid.view.playback import Playback, playback_of, sampled
 from tests.experiments import arm, arm_found, arm_log, leg
-from tests.plants import polynomial_trajectory
+from tests.plants import picked, polynomial_trajectory
 
 SPRINGS = [1, 2]
 """Of the shoulder and the telescope; the rail slides too, and the wrist turns, both stiff."""
@@ -65,13 +65,7 @@ def test_log_is_played_as_it_is(robot: Robot) -> None:
     """From zero on, its columns found by name, with deflections about their mean."""
     joint, deflection = waves(robot)
     log = log_of(robot, joint, (joint + deflection) * ratios(robot), start=1.7e9)
-    turned = Log(
-        log.time,
-        robot.joint_names[::-1],
-        log.motor_position[:, ::-1],
-        log.joint_position[:, ::-1],
-        log.motor_torque[:, ::-1],
-    )
+    turned = picked(log, [*range(robot.n)][::-1], robot.joint_names[::-1])
     elastic = np.isin(robot.joint_names, robot.elastic_joints)
     about_mean = np.where(elastic, deflection - deflection.mean(axis=0), np.nan)
     for recorded in (log, turned):

@@ -30,66 +30,44 @@ def given() -> dict[str, Any]:
 
 PAYLOAD = seaid.Payload("foot", 2.0)
 CONDITIONS = {"cold": "log", "warm": "log"}
+OPTIONS: list[tuple[dict[str, Any], str]] = [
+    ({"torque_joints": 3}, "s= must be .* a list of names, found 3"),
+    ({"method": 2}, "must be 'auto', 'two-step' or 'simultaneous'"),
+    ({"estimater": "ols"}, "no argument is named 'estimater'"),
+    ({"cutoff_hz": "8"}, "number of 0.001 or more, found the text '8'"),
+    ({"cutoff_hz": -3}, "cutoff_hz= must be .* 0.001 or more, .* -3"),
+    (
+        {"known_std": {"gear_ratio": "a"}},
+        "^known_std= must be a mapping, found a dict with the text 'a', which must be a number",
+    ),
+    (
+        {"share": {"torque": 3}},
+        "^share= must be a mapping, found a dict with 3, which must be a list of names",
+    ),
+    ({"share": {"torque": [3]}}, "a dict with a list, which must be a list of n"),
+]
+"""Options of `identify`, and words of the error."""
+
 CALLS: list[tuple[str, list[Any], dict[str, Any], str]] = [
     ("identify", ["a/leg.urdf", "log"], {}, r"must be a Robot, found the text 'a/leg\.urdf'"),
     ("identify", ["log", "robot"], {}, "robot= must be a Robot, found a Log"),
     ("identify", ["robot", None], {}, "must be a Log, .* or a list of these, found None"),
     ("compare_terms", ["robot", ["log", 3]], {}, "or a list of these, found a list with 3"),
-    ("identify", ["robot", "log"], {"torque_joints": 3}, "s= must be .* a list of names, found 3"),
     (
         "identify",
         ["robot", "no.csv"],
         {"method": "twostep"},
         r"method=: no method is named 'twostep'; did you mean 'two-step'\? allowed: auto, two-step",
     ),
-    ("identify", ["robot", "log"], {"method": 2}, "must be 'auto', 'two-step' or 'simultaneous'"),
-    ("identify", ["robot", "log"], {"estimater": "ols"}, "no argument is named 'estimater'"),
     ("identify", ["robot", "log", ["a"]], {}, "too many positional arguments; write identify"),
     ("cross_validate", ["robot", "log"], {"cutoff": 8.0}, "did you mean 'cutoff_hz'"),
-    (
-        "identify",
-        ["robot", "log"],
-        {"cutoff_hz": "8"},
-        "number of 0.001 or more, found the text '8'",
-    ),
-    ("identify", ["robot", "log"], {"cutoff_hz": -3}, "cutoff_hz= must be .* 0.001 or more, .* -3"),
+    *(("identify", ["robot", "log"], *row) for row in OPTIONS),
     ("describe_log", ["run.csv"], {"rate_hz": 0}, "rate_hz= must be .* 0.001 or more, found 0"),
     ("load_robot", ["leg.urdf"], {"payloads": PAYLOAD}, r"put it into a list: payloads=\["),
     ("write_drives", ["robot", "drives.toml"], {}, "drives= must be a mapping, found a Robot"),
     ("read_log", ["run.csv"], {}, r"argument: 'robot'; write read_log\(path, robot, "),
-    ("identifiability", ["robot", "deflection"], {}, "must be a list of names or a mapping"),
     ("identify_conditions", [CONDITIONS], {}, r"'cold' must be \(robot, logs\), found 'log'"),
     ("write_report", ["robot", "a.html", "result"], {}, "must be an Identification"),
-    (
-        "identify",
-        ["robot", "log"],
-        {"known_std": {"gear_ratio": "a"}},
-        "^known_std= must be a mapping, found a dict with the text 'a', which must be a number",
-    ),
-    (
-        "identify",
-        ["robot", "log"],
-        {"share": {"torque": 3}},
-        "^share= must be a mapping, found a dict with 3, which must be a list of names",
-    ),
-    (
-        "identify",
-        ["robot", "log"],
-        {"share": {"torque": [3]}},
-        "a dict with a list, which must be a list of n",
-    ),
-    (
-        "design_excitation",
-        ["robot"],
-        {"samples": 3, "duration": 2.0},
-        "^samples= must be a whole number of 6 or more, found 3",
-    ),
-    (
-        "design_excitation",
-        ["robot"],
-        {"torque_std": 0, "duration": 2.0},
-        "torque_std must be more than zero, found 0; give another by torque_std={'",
-    ),
 ]
 """[(function, its arguments, in which names stand for what is at hand, words of the error)]."""
 

@@ -233,25 +233,21 @@ def test_init_reads_lists_in_cells_and_the_file_of_the_commands(tmp_path: Path) 
         "state": (time, position, np.abs(20 * error)),
         "control": (time + 3e-3, position + error),
     }
-    for name, (clock, *columns) in rows.items():
+    files = [tmp_path / f"run.{name}.csv" for name in rows]
+    for file, (name, (clock, *columns)) in zip(files, rows.items(), strict=True):
         lines = [",".join(["type", "timestamp", "positions", "torques"][: 2 + len(columns)])]
         lines += [
             f"{name.upper()},{1e6 * at}," + ",".join(f'"{one[k].tolist()}"' for one in columns)
             for k, at in enumerate(clock)
         ]
-        (tmp_path / f"run.{name}.csv").write_text("\n".join(lines))
+        file.write_text("\n".join(lines))
     urdf = two_links(tmp_path / "two.urdf", joints)
     gains = seaid.Controller(position_gain_Nm_per_rad=20.0, is_held=True)
-    made = seaid.write_first_project(
-        urdf,
-        [tmp_path / f"run.{name}.csv" for name in rows],
-        folder=tmp_path / "project",
-        controllers=dict.fromkeys(joints, gains),
-    )
+    laws = dict.fromkeys(joints, gains)
+    made = seaid.write_first_project(urdf, files, folder=tmp_path / "project", controllers=laws)
     assert any("elbow: the motor torque of elbow has no sign" in one for one in made.doubts)
     robot = seaid.load_robot(urdf, tmp_path / "project" / "two_drives.toml")
     assert robot.drives["elbow"].controller == gains
-    files = [tmp_path / f"run.{name}.csv" for name in rows]
     log = seaid.read_log(files, robot, description=tmp_path / "project" / "run.state_columns.toml")
     assert log.position_command is not None
     inside = slice(50, -50)

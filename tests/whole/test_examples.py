@@ -67,16 +67,9 @@ LEG = {
     "hip": f"revolute base thigh {LIMIT}",
     "knee": f'revolute thigh shank <origin xyz="0 0 -0.4"/>{LIMIT}',
 }
-HIP = seaid.StiffDrive(
-    50.0, None, 1e-5, viscous_friction_Nms_per_rad=1e-4, coulomb_friction_Nm=0.01
-)
-KNEE = seaid.SeriesElasticDrive(
-    100.0,
-    1e-5,
-    stiffness_Nm_per_rad=300.0,
-    viscous_friction_Nms_per_rad=1e-4,
-    coulomb_friction_Nm=0.01,
-)
+FRICTION = {"viscous_friction": 1e-4, "coulomb_friction": 0.01}
+HIP = seaid.StiffDrive(50.0, None, 1e-5).with_values(FRICTION)
+KNEE = seaid.SeriesElasticDrive(100.0, 1e-5).with_values(FRICTION | {"stiffness": 300.0})
 PROJECT = """[[log]]
 file = "run.csv"
 [run]

@@ -310,10 +310,8 @@ def test_a_tilt_about_the_first_axis_and_its_zero_are_rivals() -> None:
 
 
 def test_lengths_in_mm_are_named_before_any_motion_is_looked_at() -> None:
-    (columns, _), text = (
-        LOGS["joint positions"](),
-        urdf().replace('xyz="0.05 0 0.3"', 'xyz="50 0 300"'),
-    )
+    columns, _ = LOGS["joint positions"]()
+    text = urdf().replace('xyz="0.05 0 0.3"', 'xyz="50 0 300"')
     (finding,) = findings(Setup(text, DRIVES, (), (columns,), ({},)))
     assert (finding.code, finding.severity) == ("geometry", "wrong")
 

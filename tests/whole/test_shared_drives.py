@@ -281,7 +281,6 @@ LINEAR = {"motor_pulley_radius_m": 0.1, "load_pulley_radius_m": 0.1, "stiffness_
         (LINEAR, "differ in unit of the spring, 'N m' and 'N'"),
         ({"shared": 3}, "shared must be the name of a group"),
         ({"shared": "thigh_motor"}, r"\[ankle\] is alone in the group 'calf_motor'"),
-        ({"friction": ["viscous", "smooth_coulomb"]}, "differ in unknown parameters"),
     ],
 )
 def test_drives_that_cannot_be_of_one_type_are_refused_with_file_and_joint(

@@ -111,10 +111,7 @@ HERE: Offset = (0, 0, 0)
 ARMS = {
     "pendulum, horizontal axis": ("y", [HERE], 3),
     "pendulum, vertical axis": ("z", [HERE], 1),
-    "planar 2R, vertical plane": ("yy", [HERE, (l1, 0, 0)], 6),
-    "planar 2R, horizontal plane": ("zz", [HERE, (l1, 0, 0)], 4),
     "planar 3R, vertical plane": ("yyy", [HERE, (l1, 0, 0), (l2, 0, 0)], 9),
-    "two joints, vertical and horizontal axis": ("zy", [HERE, (l1, 0, 0)], 8),
     "three joints in space, all offsets": ("zyx", [HERE, (l1, l2, l3), (a2, a3, d3)], 15),
     "SCARA": ("zzZz", [HERE, (l1, 0, 0), (l2, 0, 0), HERE], 8),
     "PUMA 560": ("zyyxyx", [HERE, (0, d2, 0), (a2, 0, 0), (a3, d3, d4), HERE, HERE], 36),

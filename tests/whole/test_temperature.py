@@ -27,12 +27,7 @@ from tests.standard_errors import scores
 from tests.terms import exact_motion, noisy_log
 
 KNEE = "knee_pitch"
-TERMS: tuple[str, ...] = (
-    "viscous",
-    "coulomb",
-    "viscous_temperature",
-    "coulomb_temperature",
-)
+TERMS: tuple[str, ...] = ("viscous", "coulomb", "viscous_temperature", "coulomb_temperature")
 SLOPES = {"viscous_temperature_slope": -0.96e-6, "coulomb_temperature_slope": -1.1e-5}
 """-1.2 and -0.4 % of the friction of the knee per kelvin."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from seaid.log import BaseLog
 from seaid.log.channels import CHANNELS
 from seaid.log.description import Clock
 from tests.experiments import DATA
-from tests.plants import write_columns
+from tests.plants import log_with, write_columns
 
 FEET = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
 RATE_HZ = 100.0
@@ -356,19 +357,14 @@ def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path
 def test_a_velocity_alone_gives_the_acceleration() -> None:
     """Its derivative and gravity are the specific force, but for half a sample of the sum."""
     one = states()
-    sensors: dict[str, Any] = {"joint_position": one["joints"], "motor_torque": one["torque"]}
+    sensors = {"joint_position": one["joints"], "motor_torque": one["torque"]}
+    still = log_with(go2().joint_names, one["time"], **sensors)
     given: dict[str, Any] = {"contacts": dict(zip(FEET, one["flags"].T, strict=True))}
     given |= {"orientation": one["orientation"], "angular_velocity": one["w"]}
     forces = []
     for name in ("specific_force", "velocity"):
         own: Any = {name: one[name]}
-        log = seaid.Log(
-            time=one["time"],
-            joint_names=go2().joint_names,
-            motor_position=np.full_like(one["joints"], np.nan),
-            base=BaseLog(**given, **own),
-            **sensors,
-        )
+        log = replace(still, base=BaseLog(**given, **own))
         motion = seaid.reconstruct_motion(go2(), log, cutoff_hz=4.0)
         assert motion.base is not None
         forces.append(motion.base.specific_force[100:-100])

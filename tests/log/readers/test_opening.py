@@ -191,11 +191,6 @@ REFUSED: tuple[tuple[str, Any, str], ...] = (
     ("log.npz", npz(a=npy("(2,)", data=bytes(9))), "column 'a' cannot be read: it is truncated"),
     ("log.npz", npz(a=npy("(2")), "column 'a' cannot be read"),
     ("log.npz", npz(a=npy("(2,)", "f8(")), "column 'a' cannot be read"),
-    (
-        "log.npz",
-        npz(a=npy("(2,)", "|O", b"\x80\x04K\x01.")),
-        "must be a vector of numbers, found object",
-    ),
     ("log.npz", npz(a=npy("(1, 1, 1)", data=bytes(8))), "must be a vector of numbers"),
     ("log.npz", npz(a=b"junk"), "column 'a' cannot be read"),
     ("log.npz", npz(zipfile.ZIP_LZMA, a=npy("(2,)", data=bytes(16))), "that NumPy does not write"),
@@ -226,7 +221,6 @@ REFUSED: tuple[tuple[str, Any, str], ...] = (
     ),
     ("log.json", json.dumps({"a": [[1] * 20_000]}), "columns or more, allowed are 10,000"),
     ("log.json", json.dumps({"a": [1], **{f"c{k}": 1 for k in range(20_000)}}), "columns or more"),
-    ("log.json", '{"a": [1, 2', "is not valid JSON, or cut off"),
     ("log.json", b"junk", "is not valid JSON, or cut off"),
     *(
         ("log.json", content, "has no columns; a JSON log is a list of records")
