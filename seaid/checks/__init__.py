@@ -3,8 +3,8 @@
 - `codes`: what each finding stands for, with its usual cause and what to do, and which findings
   follow from others;
 - `engine`: how checks are declared and made, and which columns belong into an equation, by forward
-  selection. `columns` (drives) and `gears` (with their sensors) propose them, `terms` computes those
-  of drives, and `model` selects and names.
+  selection. `columns` (drives) and `gears` (with their sensors) propose them, `terms` computes
+  those of drives, and `model` selects and names.
 
 Findings are made here, and those of bases and feet in `seaid.legged`: a room for each thing that
 is looked at, such as `channels` of a log.
