@@ -38,8 +38,10 @@ CASES = {
 
 
 def robot_of(folder: Path) -> seaid.Robot:
-    """Return the joint with a linear spring."""
-    drive = SeriesElasticDrive(gear_ratio=RATIO, motor_inertia_kg_m2=INERTIA)
+    """Return the joint with a linear spring, and viscous friction behind it."""
+    drive = SeriesElasticDrive(
+        gear_ratio=RATIO, motor_inertia_kg_m2=INERTIA, joint_friction=("viscous",)
+    )
     return one_joint(folder).with_drives({"arm": drive})
 
 

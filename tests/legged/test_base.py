@@ -129,7 +129,7 @@ def late_torques(log: seaid.Log, late_s: float) -> seaid.Log:
 
 LATE = {
     "base": (late_base, "angular velocity, specific force of the base are"),
-    "torques": (late_torques, "the torques of FL_hip_joint"),
+    "torques": (late_torques, "the motor torques of FL_hip_joint"),
 }
 
 
