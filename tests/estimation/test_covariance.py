@@ -14,6 +14,7 @@ from seaid._arrays import Array
 from seaid.estimation.covariance import (
     automatic_lags,
     bartlett,
+    correlated_rows,
     fixed_b,
     fixed_b_freedom,
     left_by_fit,
@@ -131,3 +132,13 @@ def test_one_row_and_no_residual_at_all() -> None:
     assert np.allclose(found.white, [[4.0, 2.0], [2.0, 1.0]])
     exact = long_run_of(np.ones((50, 2)), np.zeros(50), times(50), np.zeros(50))
     assert exact.inflation(np.eye(2)) == 1.0
+
+
+@pytest.mark.parametrize(("phi", "bound"), [(0.0, 0.1), (0.6, 0.5), (-0.4, 0.1)])
+def test_rows_per_independent_one_are_those_of_an_autoregression(phi: float, bound: float) -> None:
+    """The long-run variance of x_t = phi x_t-1 + e_t over its variance is (1 + phi) / (1 - phi)."""
+    errors = np.random.default_rng(0).normal(size=40_000)
+    residual = lfilter([1.0], [1.0, -phi], errors)
+    assert correlated_rows(residual) == pytest.approx((1 + phi) / (1 - phi), abs=bound)
+    assert correlated_rows(residual + 3) == pytest.approx(correlated_rows(residual))
+    assert correlated_rows(np.full(100, 3.0)) == 1.0
