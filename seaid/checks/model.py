@@ -418,11 +418,9 @@ def _late_at_both(load: SideSelection, dampings: Mapping[str, float]) -> Iterato
             # both are k d of a delay d, whose mean has half of what they differ by as an error
             k_d, damping = float(best.coefficients[0]), dampings.get(trial.candidate.joint, 0.0)
             if trial.candidate.field == "delay" and 1 / TWICE < damping / k_d < TWICE:
-                mean = (
-                    np.full(1, 0.5 * (k_d + damping)),
-                    np.hypot(best.errors, 0.5 * (damping - k_d)),
-                )
-                both = engine.Accepted(trial, *mean, best.share, best.change)
+                mean, error = 0.5 * (best.coefficients + damping), 0.5 * (damping - k_d)
+                errors = np.hypot(best.errors, error)
+                both = engine.Accepted(trial, mean, errors, best.share, best.change)
                 check, joint = trial.candidate.origin
                 yield from filter(None, [check.finding(load.side, joint, [both], best.share)])
 
