@@ -34,7 +34,8 @@ from seaid.checks.experiment import (
     with_constant,
 )
 from seaid.checks.terms import DriveRows
-from seaid.drives import IDEAL_DRIVE, PARAMETERS, AngleRatio
+from seaid.checks.values import POSITIVE
+from seaid.drives import IDEAL_DRIVE, AngleRatio
 from seaid.drives.angle_ratio import Ratios
 from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import Finding, listed
@@ -619,8 +620,7 @@ def is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Findi
     changes = side.changed_by(accepted)
     is_large = (changes["standard errors"] > tol.SIGNIFICANT) & (changes["%"] > 100 * tol.POOR)
     # a part of a value that may be zero, as of a product of inertia, is none
-    positive = {name for name, kind in PARAMETERS.items() if kind.is_positive}
-    is_large &= [name.quantity in positive for name in side.fitted.estimate.names]
+    is_large &= [name.quantity in POSITIVE for name in side.fitted.estimate.names]
     is_large |= channel == "joint_position" and _changes_friction(side, joint, value[0])
     surely = abs(delay[0]) - tol.SURE * delay[1]
     is_doubt = bool(np.any(is_large)) or surely > tol.LEAST_DELAY_S

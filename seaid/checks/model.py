@@ -139,8 +139,6 @@ _TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.
 _NO_CONTROLLERS = SideNeed("no controllers", lambda side, _: not side.robot.has_controllers)
 _BODIES = SideNeed("bodies that are fitted", lambda side, _: side.base is not None)
 
-_ENCODERS = columns.SPRING, _BOTH_ENCODERS
-
 GEAR_CHECKS = (
     ColumnCheck(CODES["transmission-error"], (columns.MOTOR_SIDE,), gears.orders, gears.periodic),
     ColumnCheck(CODES["delay"], (_TORQUE,), gears.late_torque, gears.is_late),
@@ -185,8 +183,8 @@ class SideSelection:
     @property
     def damping(self) -> float:
         """The damping of the spring of a motor equation, zero if none was accepted."""
-        names = {x.trial.candidate.name[1:]: x.coefficients for x in self.selection.accepted}
-        return float(names.get(("spring", "damping"), [0.0])[0])
+        accepted = {x.trial.candidate.name[1:]: x.coefficients for x in self.selection.accepted}
+        return float(accepted.get(("spring", "damping"), [0.0])[0])
 
     @cached_property
     def delays(self) -> dict[str, tuple[float, float]]:

@@ -162,7 +162,7 @@ _ZEROS = (
 )
 """Parameters whose true value may be zero, so that a relative error is meaningless."""
 
-_POSITIVE = {name for name, kind in PARAMETERS.items() if kind.is_positive}
+POSITIVE = {name for name, kind in PARAMETERS.items() if kind.is_positive}
 """Parameters that are not negative in a drive."""
 
 _OF_TORQUE = (*MOTOR_CONSTANTS.values(), "stiffness")
@@ -252,7 +252,7 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
     """Yield the parameters with the wrong sign."""
     for name, text, evidence in _values(joint, estimate):
         value, error = evidence.values()
-        if name not in _POSITIVE or not value < 0:
+        if name not in POSITIVE or not value < 0:
             continue
         is_sure = value < -tol.SURE * error
         severity: Severity = "doubtful" if is_sure else "note"

@@ -113,7 +113,7 @@ class Verdict(Display):
     joints: Mapping[str, JointFit]
 
 
-# A set-up that is wrong, and the verdict
+# The verdict
 
 
 _LEVELS: dict[Severity, Level] = {"wrong": "do not use", "doubtful": "usable with care"}

@@ -10,7 +10,6 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -165,14 +164,14 @@ def findings_of_setup(
     far = observed([_STRENGTHS], trusted(known))
     if far:
         return setup_findings(trusted([*known, *far]), [*known, *far])
-    stop = Check(CODES["contact"], (), partial(stop_findings, logs=logs))
-    stops = observed([stop], trusted(known))
+    stops = observed([_STOPS], trusted(known), logs)
     beyond = setup_findings(trusted([*known, *stops]), [*known, *stops]) if stops else findings
     others = (finding for finding in beyond if finding not in known and finding not in stops)
     return findings if any(finding.severity != "note" for finding in others) else beyond
 
 
 _STRENGTHS = Check(CODES["unit"], (), strength_findings)
+_STOPS = Check(CODES["contact"], (), stop_findings)
 
 _OF_LOGS = ("delay", "encoder-offset")
 """Mistakes of a log that its equations show; a term that a drive lacks is none of the set-up."""

@@ -184,7 +184,7 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, proposed=fail)),
     "ratings": (setup, "_are_scales", fail),
     "strengths": (checking, "_STRENGTHS", replace(checking._STRENGTHS, proposed=fail)),
-    "stops": (checking, "stop_findings", fail),
+    "stops": (checking, "_STOPS", replace(checking._STOPS, proposed=fail)),
     "contacts": (RobotFit, "contacts", property(fail)),
     "blocks": (verdict, "_blocks", fail),
     "predictions": (verdict, "_prediction_errors", fail),
