@@ -11,17 +11,21 @@ import re
 from pathlib import Path
 from typing import Any
 
-from seaid.checks import CODES, model, setup, verdict
+from seaid.checks import CODES, channels, columns, commands, model, setup, values, verdict
 from seaid.checks.codes import Code
 from seaid.errors import listed
 from seaid.legged import base, contacts, extension, feet
 
 CHECKS: tuple[Any, ...] = (
     *(*setup.OF_LOGS, *setup.OF_MOTION, *setup.MISTAKES, *setup.OF_COMMANDS, *setup.OF_REST),
-    *(*model.COLUMN_CHECKS, *verdict.OF_FIT),
-    *(*base.RECORD_CHECKS, *feet.MOTION_CHECKS, *contacts.FEET_CHECKS, *extension.LATE_CHECKS),
+    *(*channels.OF_STRENGTHS, *channels.OF_STOPS, *channels.OF_LIMITS, *commands.OF_DELAYS),
+    *(*model.COLUMN_CHECKS, *columns.OF_SCALES, *verdict.OF_FIT),
+    *(*values.OF_NOISE, *values.OF_DRIVES, *values.OF_FIXED, *values.OF_OFFSETS),
+    *(*values.OF_GROUPS, *values.OF_GEARS, *values.OF_CHANNELS),
+    *(*base.RECORD_CHECKS, *feet.MOTION_CHECKS, *feet.LIFT_CHECKS, *contacts.FEET_CHECKS),
+    *extension.LATE_CHECKS,
 )
-"""All checks that are declared: of logs, of motions, of equations, and of legged robots."""
+"""All checks that are declared: of logs, of motions, of equations, of values, of legged robots."""
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/warnings.md"
 

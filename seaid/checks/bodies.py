@@ -15,12 +15,11 @@ from seaid._arrays import Array
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Cause, moved_zeros, only_joint, undecided, with_payload
 from seaid.checks.experiment import (
-    MOST_STEPS,
-    STEP,
     Experiment,
     Transform,
     best_factors,
     best_value,
+    best_values,
     moved,
     multiplied,
     near,
@@ -48,19 +47,12 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
     best = [(x, 2.0) for x in [_best_gravity(experiment)] if x is not None]
     for direction, penalty in [*axes[:-1], (-np.eye(3)[2], 0.0), *best]:
         tilt = math.acos(float(np.clip(direction @ now / size, -1, 1)))
-        if tilt < tol.SLIGHT:
-            continue
-        text = ",".join(f"{x:.4g}" for x in size * direction + 0.0)
-        yield Transform(
-            CODES["gravity"],
-            f"gravity has the direction ({text}) m/s^2 in the base frame, "
-            f"{math.degrees(tilt):.0f} degrees from the one given: a tilted base",
-            _with_gravity(experiment, size * direction),
-            remedy=f"option: --gravity {text}",
-            severity="wrong" if tilt > tol.POOR else "doubtful",
-            evidence={"tilt [deg]": math.degrees(tilt)},
-            penalty=penalty,
-        )
+        if tilt >= tol.SLIGHT:
+            severity: Severity = "wrong" if tilt > tol.POOR else "doubtful"
+            text = ",".join(f"{x:.4g}" for x in size * direction + 0.0)
+            evidence = {"tilt [deg]": math.degrees(tilt), "direction": text}
+            finding = CODES["gravity"].finding("direction", "", evidence, severity=severity)
+            yield Transform(finding, _with_gravity(experiment, size * direction), penalty)
 
 
 def _best_gravity(experiment: Experiment) -> Array | None:
@@ -89,13 +81,12 @@ def lengths(experiment: Experiment) -> Iterator[Transform]:
         # Next to an unknown factor on all masses that of the size has a large error.
         least = tol.SURE if joint else 1.0
         for factor, error, penalty in best_factors(experiment, partial(_with_length, joint), least):
-            std, changed = factor * error, _with_length(joint, experiment, math.log(factor))
-            text = f"{what} is {factor:.3g} +- {std:.2g} times that of the robot file"
             is_far = abs(factor - 1) > max(tol.POOR, tol.SURE * error)
             severity: Severity = "wrong" if is_far else "doubtful"
-            remedy = f"in the robot file: {line} times {factor:.4g}"
-            of_length = CODES["geometry"], text, changed, joint, remedy, severity
-            yield Transform(*of_length, {"factor": factor, "standard error": std}, penalty)
+            evidence = {"factor": factor, "standard error": factor * error}
+            of_joint = "factor", joint, {**evidence, "what": what, "line": line}
+            finding = CODES["geometry"].finding(*of_joint, severity=severity)
+            yield Transform(finding, _with_length(joint, experiment, math.log(factor)), penalty)
 
 
 def zeros(experiment: Experiment) -> Iterator[Transform]:
@@ -104,7 +95,8 @@ def zeros(experiment: Experiment) -> Iterator[Transform]:
     alone = [*chain(*(_zero(experiment, j, (0.0,)) for j in joints))]
     yield from alone
     while alone and len(joints) > 1:  # alone, each zero takes up a part of the others
-        angles, errors = _best_zeros(experiment, joints)
+        changes = [partial(_with_zeros, [j]) for j in joints]
+        angles, errors, _ = best_values(experiment, changes, np.zeros(len(joints)))
         scores = np.abs(angles) / np.maximum(tol.SLIGHT, tol.SIGNIFICANT * errors)
         if np.min(scores) > 1:
             off = dict(zip(joints, angles.tolist(), strict=True))
@@ -113,21 +105,6 @@ def zeros(experiment: Experiment) -> Iterator[Transform]:
         # the least one goes, or all that are far from it
         is_least = scores <= max(tol.MOST, float(np.min(scores)))
         joints = np.array(joints)[~is_least].tolist()
-
-
-def _best_zeros(experiment: Experiment, joints: Sequence[int]) -> tuple[Array, Array]:
-    """Return the zeros of joints, fitted together as by `best_value`, and their standard errors."""
-    angles, errors = np.zeros((2, len(joints)))
-    for _ in range(MOST_STEPS):
-        changed = _with_zeros(joints, experiment, angles)
-        ahead = [_with_zeros([j], changed, STEP).of_file - changed.of_file for j in joints]
-        fit = scaled_svd(changed.weighed(np.stack(ahead, axis=-1)) / STEP)
-        step, errors = fit.solve(changed.unexplained), np.linalg.norm(fit.inverses, axis=1)
-        angles = angles + np.clip(step, -tol.MOST, tol.MOST)
-        is_found = np.abs(step) < tol.POOR * np.maximum(errors, tol.SLIGHT)
-        if np.max(errors) > tol.MOST or np.all(is_found):  # what is not shown is not searched
-            break
-    return angles, errors
 
 
 def _zero(
@@ -185,22 +162,19 @@ def _off(
     The experiment has the positions of joints that are `reverses` with the opposite sign already.
     """
     named = {experiment.robot.joint_names[j]: angle for j, angle in angles.items()}
+    signs = [experiment.robot.joint_names[j] for j in reverses]
     spreads = [f" +- {math.degrees(x):.2g}" for x in errors] or [""] * len(named)
     sizes = zip(named.items(), spreads, strict=True)
     off = [f"{math.degrees(x):.3g}{spread} degrees at {joint}" for (joint, x), spread in sizes if x]
-    parts = ["the zeros of joints are not those of the robot file, by " + " and ".join(off)]
-    parts *= bool(off)
-    signs = [experiment.robot.joint_names[j] for j in reverses]
-    parts += [f"the positions and commands of {listed(signs)} have the opposite sign"] * bool(signs)
-    return Transform(
-        CODES["sign" if signs else "encoder-offset"],
-        " and ".join(parts),
-        _with_zeros([*angles], experiment, [*angles.values()]),
-        only_joint([*named]),
-        evidence={f"offset of {joint} [rad]": angle for joint, angle in named.items()},
-        penalty=penalty,
-        sources=moved_zeros(experiment.robot, named, experiment.sources[0], signs),
-    )
+    evidence = {f"offset of {joint} [rad]": angle for joint, angle in named.items()}
+    case = {(1, 0): "moved", (0, 1): "reversed", (1, 1): "moved-and-reversed"}
+    words = {"offsets": " and ".join(off), "joints": listed(signs)}
+    code = CODES["sign" if signs else "encoder-offset"]
+    of_joints = case[bool(off), bool(signs)], only_joint([*named]), {**evidence, **words}
+    finding = code.finding(*of_joints)
+    sources = moved_zeros(experiment.robot, named, experiment.sources[0], signs)
+    right = _with_zeros([*angles], experiment, [*angles.values()])
+    return Transform(finding, right, penalty, sources=sources)
 
 
 def _with_zeros(
@@ -233,24 +207,25 @@ def _with_length(joint: str, experiment: Experiment, log_factor: float) -> Exper
 
 def payloads(experiment: Experiment) -> Iterator[Transform]:
     """Yield a payload that is absent, there twice, or on another link."""
-    robot = experiment.robot
+    robot, code = experiment.robot, CODES["payload"]
     known = robot.payload_parameters.reshape(-1, 10)
     for body in np.flatnonzero(known[:, 0]).tolist():
         payload = np.where(np.arange(len(known))[:, None] == body, known, 0.0).ravel()
-        mass, name = known[body, 0], robot.body_names[body]
+        mass, link, joint = known[body, 0], robot.body_names[body], robot.joint_of(body)
         com = ",".join(f"{x:.4g}" for x in known[body, 1:4] / mass + 0.0)
-        text = f"the payload of {mass:.4g} kg on {name}"
-        without = f"option: without --payload {name}:{mass:g}:{com}"
         more, error = experiment.multiple(experiment.regressor @ payload)
         factor, spread = 1 + more, f" +- {mass * error:.2g}" * math.isfinite(error)
         is_off = factor > tol.POOR and abs(factor - 1) > tol.POOR
+        words = {"link": link, "com": com, "given": f"{mass:.4g}", "option": f"{mass:g}"}
         # Round multiples come without a penalty, since only `factor` itself is a fitted number.
         for times in (0.0, *(near(factor) if is_off else ())):
-            message = f"{text} {f'has {times * mass:.3g}{spread} kg' if times else 'is not there'}"
+            finding = code.finding("absent", joint, words)
+            if times:
+                words["mass"] = f"{times * mass:.3g}{spread}"
+                finding = code.finding("mass", joint, words, with_payload(link, times * mass, com))
             changed = experiment.with_changes(bodies=experiment.bodies + (times - 1) * payload)
-            lines = with_payload(name, times * mass, com) if times else without
-            of_body = CODES["payload"], message, changed, robot.joint_of(body), lines
-            yield Transform(*of_body, penalty=float(times == factor))
+            yield Transform(finding, changed, penalty=float(times == factor))
+        text = f"the payload of {mass:.4g} kg on {link}"
         yield from _placed(experiment, experiment.bodies - payload, text, mass)
     if not np.any(known) and not robot.known_bodies:
         yield from _placed(experiment, experiment.bodies, "a payload that was not named", None)
@@ -275,11 +250,11 @@ def _placed(
         changed = bodies.copy()
         changed[10 * body : 10 * body + 10] += point
         is_beyond = point[0] > tol.SURE * experiment.widths[10 * body, 5 * body]
-        message = f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m"
-        loaded, lines = experiment.with_changes(bodies=changed), with_payload(link, point[0], com)
-        of_body = CODES["payload"], message, loaded, robot.joint_of(body), lines
         severity: Severity = "wrong" if is_named else "doubtful" if is_beyond else "note"
-        yield Transform(*of_body, severity, penalty=3.0 if is_named else 4.0)
+        words = {"text": text, "link": link, "mass": f"{point[0]:.3g}", "com": com}
+        of_body = "placed", robot.joint_of(body), words, with_payload(link, point[0], com), severity
+        loaded = experiment.with_changes(bodies=changed)
+        yield Transform(CODES["payload"].finding(*of_body), loaded, 3.0 if is_named else 4.0)
 
 
 _FARTHEST_M, _STARTS = 5.0, (0.3, 3.0, 30.0)
@@ -380,21 +355,16 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     is_mostly = differs and abs(share[most] * part) > size
     if not is_heavier and not is_mostly:
         return
-    of_part, of_all = (link, 1 + part, error_of_part), ("bodies", 1 + total, error)
-    what, times, its_error = of_all if is_heavier else of_part
-    mostly = f", mostly {link}, by {part:+.0%}" if is_heavier and is_mostly else ""
-    word = "heavier" if of_mass[0] > 0 else "lighter"
+    mostly = f", mostly {link}, by {part:+.0%}" * bool(is_heavier and is_mostly)
+    words = {"what": link, "times": f"{1 + part:.3g} +- {error_of_part:.2g}", "mostly": mostly}
+    if is_heavier:
+        words |= {"what": "bodies", "times": f"{1 + total:.3g} +- {error:.2g}"}
+    words["word"] = "heavier" if of_mass[0] > 0 else "lighter"
     evidence = {"bodies over those of the file": 1 + total, "standard error": error}
     of_robot = ("relative change of the mass", "standard error of the mass")
     evidence |= dict(zip(of_robot, of_mass, strict=True)) | {f"relative change of {link}": part}
-    finding = CODES["nominal-values"].finding(
-        f"the torques need {what} {times:.3g} +- {its_error:.2g} times as heavy as in the robot "
-        f"file{mostly}, if centres and shapes are those of the file; by the torques alone the "
-        f"robot is {abs(of_mass[0]):.0%} +- {of_mass[1]:.0%} {word}",
-        robot.joint_of(most) if is_mostly and not is_heavier else "",
-        "note",
-        evidence,
-    )
+    joint = robot.joint_of(most) if is_mostly and not is_heavier else ""
+    finding = CODES["nominal-values"].finding("bodies", joint, {**evidence, **words})
     # a payload that was not named makes no link lighter
     rivals = _rivals(experiment, link if is_mostly and part > 0 else "", 1 + is_heavier * total)
     yield undecided(finding, dict.fromkeys(rivals, 0.0))
@@ -408,12 +378,11 @@ def _rivals(experiment: Experiment, mostly: str, times: float) -> Iterator[Cause
     """
     alone = sorted({*experiment.used} - {*np.flatnonzero(experiment.both).tolist()})
     if alone and times > 0 and abs(times - 1) > tol.POOR:
-        words = f"are {1 / times:.3g} times what they should be, as by counts per turn or gears"
-        options = CODES["unit"], experiment, dict.fromkeys(alone, times), "qm", words
-        turned, rows = multiplied(*options), experiment.independent_rows
+        options = CODES["unit"], "counts", experiment, dict.fromkeys(alone, times), "qm"
+        turned, rows = multiplied(*options, {"times": 1 / times}), experiment.independent_rows
         costs = [x.file_cost + x.cost("free", rows) for x in (turned.changed, experiment)]
         if costs[0] < costs[1] + tol.SURE**2 / 2:
-            yield CODES["unit"], turned.message
+            yield CODES["unit"], turned.finding.message
     if np.any(experiment.robot.payload_parameters):
         yield CODES["payload"], "a payload has another mass than the one named"
     elif mostly:

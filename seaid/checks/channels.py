@@ -60,17 +60,14 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         # The time was read in the unit that the description states.
         rates = {unit: rate * sizes[source["unit"]] / size for unit, size in sizes.items()}
         rates = {unit: x for unit, x in rates.items() if tol.SLOWEST_HZ <= x <= tol.FASTEST_HZ}
-        text, remedy = "is its time in seconds?", ""
-        if rates:
-            unit = min(rates, key=lambda unit: abs(float(np.log(rates[unit] / usual_hz))))
-            text = f"its time seems to be in {unit}, which gives {rates[unit]:.4g} Hz"
-            remedy = f"in the description of the log:\ntime = {as_toml(source | {'unit': unit})}"
-        yield CODES["time-unit"].wrong(
-            f"the log has {rate:.3g} samples per second: {text}",
-            evidence={"rate [Hz]": rate},
-            remedy=remedy,
-            certainty="certain" if rates else "likely",
-        )
+        evidence, code = {"rate [Hz]": rate}, CODES["time-unit"]
+        if not rates:
+            yield code.finding("unknown", "", evidence)
+            continue
+        unit = min(rates, key=lambda unit: abs(float(np.log(rates[unit] / usual_hz))))
+        remedy = f"in the description of the log:\ntime = {as_toml(source | {'unit': unit})}"
+        evidence["with it [Hz]"] = rates[unit]
+        yield code.finding("other", "", {**evidence, "unit": unit}, remedy)
 
 
 def _changed(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, Any]]:
@@ -103,14 +100,10 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
             if period is not None and channel.source is not None
         }
         if lines := _changed(changes):
-            first = next(iter(changes.values()))["wraps"]
-            yield CODES["wraps"].wrong(
-                f"channels of {', '.join(lines)} in {name} jump by {first:.4g} at once, from one "
-                "end of their range to the other, and move on as before",
-                evidence={"period": first},
-                remedy=in_description(lines, name),
-                joints=tuple(lines),
-            )
+            evidence = {"period": next(iter(changes.values()))["wraps"]}
+            words = {"joints": ", ".join(lines), "log": name}
+            of_joints = "jumps", "", {**evidence, **words}, in_description(lines, name)
+            yield CODES["wraps"].finding(*of_joints, joints=tuple(lines))
 
 
 def _offset_of_turn(robot: Robot, channel: Channel, period: float) -> float:
@@ -157,15 +150,12 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
         lines = _changed({x: {"factor": known.get(x, 1.0) / full} for x in ratings})
         is_far = any(x.largest > tol.MANY_TIMES * rating for x, rating in ratings.items())
         if lines:
-            yield CODES["unit"].finding(
-                f"the torques of {', '.join(lines)} of {name} are whole numbers up to {largest:g}: "
-                f"{unit} of a rating of each motor, or counts of its driver, and not N m",
-                severity="wrong" if is_far else "doubtful",
-                evidence={"largest value": largest},
-                remedy=f"{in_description(lines, name)}\n# {by}, see the data sheet; if it "
-                "is the duty cycle of a servo, use its commands",
-                joints=tuple(lines),
-            )
+            remedy = f"{in_description(lines, name)}\n# {by}, see the data sheet; if it "
+            remedy += "is the duty cycle of a servo, use its commands"
+            words = {"joints": ", ".join(lines), "log": name, "unit": unit}
+            severity: Severity = "wrong" if is_far else "doubtful"
+            of_joints = "whole", "", {"largest value": largest, **words}, remedy, severity
+            yield CODES["unit"].finding(*of_joints, joints=tuple(lines))
 
 
 def _rating(robot: Robot, channel: Channel) -> float:
@@ -187,13 +177,10 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
         is_resampled = any(repair.kind == "irregular steps" for repair in log.report)
         if held:
             most, lines = max(held.values()), _changed({channel: {} for channel in held})
-            yield CODES["holes"].wrong(
-                f"encoders of {listed(lines)} have new values at every {most}th sample of {name}, "
-                "and hold them in between, as no position does: speeds are those of a staircase",
-                evidence={"samples per new value": float(most)},
-                remedy=f"{in_description(lines, name)}\n# held samples are then interpolated",
-                joints=tuple(lines),
-            )
+            remedy = f"{in_description(lines, name)}\n# held samples are then interpolated"
+            words = {"joints": listed(lines), "log": name}
+            of_joints = "held", "", {"samples per new value": float(most), **words}, remedy
+            yield CODES["holes"].finding(*of_joints, joints=tuple(lines))
         elif channels and np.ptp(steps) < tol.NEGLIGIBLE * np.median(steps) and not is_resampled:
             yield from _lost_of([channel.values for channel in channels], name)
 
@@ -202,18 +189,11 @@ def _lost_of(positions: Sequence[Array], name: str) -> Iterator[Finding]:
     """Yield that samples were lost in a log with equal steps of the time."""
     lost, many = _lost(positions), tol.SLIGHT * (len(positions[0]) - 1)
     jumps = 0 if len(lost) >= tol.EVENTS else _common_jumps(positions)
-    text, count = f"most positions of {name} jump {jumps} times", "bursts of samples"
-    if not jumps:
-        text = f"in {len(lost)} steps of {name} all positions move a multiple of their usual step"
-        count = f"{int(np.sum(lost))} samples"
     if jumps or len(lost) >= tol.EVENTS:
-        yield CODES["holes"].finding(
-            f"{text}, while the time has equal steps: {count} were lost, and the time counts "
-            "those that are left",
-            severity="wrong" if jumps or np.sum(lost) > many else "doubtful",
-            evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)},
-            remedy="record anew with the clock of the robot: gaps are then bridged or excluded",
-        )
+        severity: Severity = "wrong" if jumps or np.sum(lost) > many else "doubtful"
+        evidence = {"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)}
+        of_log = "bursts" if jumps else "lost", "", {**evidence, "log": name}
+        yield CODES["holes"].finding(*of_log, severity=severity)
 
 
 def _common_jumps(positions: Sequence[Array]) -> int:
@@ -263,14 +243,9 @@ def _missing_drives(logged: Logged) -> Iterator[Finding]:
                 for joint, gear in gears.items()
             }
             first, (ratio, _) = next(iter(gears.items()))
-            yield CODES["missing-drives"].wrong(
-                f"the log has the motor side of {', '.join(gears)}, which moves {ratio:.3g} "
-                "times as far as the joint, and the robot has no drive there: friction, gear and "
-                "spring are not in the model (--drives, drives=)",
-                first,
-                evidence={"motor over joint motion": ratio},
-                remedy=f"option: --drives FILE, or without one\n{in_drives(tables)}",
-            )
+            evidence = {"motor over joint motion": ratio, "joints": ", ".join(gears)}
+            remedy = f"option: --drives FILE, or without one\n{in_drives(tables)}"
+            yield CODES["missing-drives"].finding("missing", first, evidence, remedy)
 
 
 def _drive_table(is_prismatic: bool, ratio: float, is_stiff: bool) -> str:
@@ -310,14 +285,10 @@ def _references(logged: Logged) -> Iterator[Finding]:
         low, high = (float(end(np.concatenate(positions))) for end in (np.nanmin, np.nanmax))
         reference, unit = drive.reference_position_rad, drive.joint_units[1]
         if not low <= reference <= high:
-            yield CODES["reference-position"].finding(
-                f"Coulomb friction of {joint} is stated at {reference:g} {unit}, outside its "
-                f"motion from {low:.3g} to {high:.3g} {unit}: it is extrapolated to there and may "
-                "come out negative, which no simulation has",
-                joint,
-                evidence={"reference position": reference, "lowest": low, "highest": high},
-                remedy=in_drives({(joint,): f"reference_position_rad = {(low + high) / 2:.2g}"}),
-            )
+            evidence = {"reference position": reference, "lowest": low, "highest": high}
+            lines = in_drives({(joint,): f"reference_position_rad = {(low + high) / 2:.2g}"})
+            of_joint = "outside", joint, {**evidence, "unit": unit}, lines
+            yield CODES["reference-position"].finding(*of_joint)
 
 
 def _saturated(logged: Logged) -> Iterator[Finding]:
@@ -330,27 +301,17 @@ def _saturated(logged: Logged) -> Iterator[Finding]:
             if share > longest.get(key, (tol.FEW,))[0]:
                 longest[key] = share, name, float(np.max(np.abs(channel.values[stuck])))
     for (quantity, joint), (share, name, limit) in longest.items():
-        text, remedy = "a command there is not what the motor gave", "log the measured current"
-        if quantity == "joint_torque":
-            text = "its sensor does not measure the torques beyond it"
-            remedy = "leave the column of this sensor out of the description of the log"
-        message = f"the {quantity.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, "
-        message += f"during {share:.1%} of the time of {name}: {text}"
         severity: Severity = "doubtful" if quantity.endswith("torque") else "note"
-        evidence = {"share at the limit": share, "limit": limit}
-        of_joint = message, joint, severity, evidence, f"record a slower motion, or {remedy}"
-        yield CODES["saturation"].finding(*of_joint, "certain")
+        case, words = "sensor" if quantity == "joint_torque" else "input", {"log": name}
+        words["quantity"] = quantity.replace("_", " ")
+        of_joint = case, joint, {"share at the limit": share, "limit": limit, **words}
+        yield CODES["saturation"].finding(*of_joint, severity=severity)
 
 
 def _locked(logged: Logged) -> Iterator[Finding]:
     """Yield a note for each joint with a locked output."""
     for joint in locked_outputs(logged.robot, logged.logs):
-        yield CODES["locked-output"].note(
-            f"the output of {joint} does not move while its motor deflects the spring: it counts "
-            "as locked, so that its motor, friction and spring are identified and the torque on "
-            "its load is not used. If it did move, its encoder is dead: exclude its column",
-            joint,
-        )
+        yield CODES["locked-output"].note("counts", joint)
 
 
 def locked_outputs(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
@@ -385,11 +346,7 @@ def _standing(logged: Logged) -> Iterator[Finding]:
     swings = [float(np.ptp(side)) for side in sides if np.all(np.isfinite(side))]
     if not swings or max(swings) >= tol.LEAST_SWING or locked_outputs(logged.robot, logged.logs):
         return
-    yield CODES["standstill"].finding(
-        f"the robot hardly moves: its widest motion is {max(swings):.2g} rad or m",
-        evidence={"widest motion": max(swings)},
-        remedy="record a wider motion: seaid excite plans one",
-    )
+    yield CODES["standstill"].finding("robot", "", {"widest motion": max(swings)})
 
 
 def without_torque(findings: Iterable[Finding]) -> set[str]:
@@ -420,11 +377,8 @@ def excluded_findings(processing: Iterable[Processing]) -> Iterator[Finding]:
 def excluded_instants(place: str, share: float, has_contacts: bool) -> Iterator[Finding]:
     """Yield the note on a regression that lacks most of its instants, a `share` of them."""
     if share > tol.MOST:
-        contacts = ", or next to a change of contact" * has_contacts
-        yield CODES["standstill"].note(
-            f"the {place} is identified from {1 - share:.0%} of its instants: the others are near "
-            f"standstill, where the direction of dry friction is unknown{contacts}"
-        )
+        words = {"place": place, "contacts": ", or next to a change of contact" * has_contacts}
+        yield CODES["standstill"].note("instants", "", {"part": 1 - share, **words})
 
 
 def standstill_findings(
@@ -432,17 +386,14 @@ def standstill_findings(
 ) -> Iterator[Finding]:
     """Yield the joints whose drives move in no log, with their `positions` if the joints stand."""
     for joint, drive in drives.items():
-        what = "friction, spring" if drive.is_elastic else "friction"
-        text = f"no sample of {joint} is away from standstill in any log"
-        remedy, evidence = "move this joint", dict[str, float]()
+        evidence, case, remedy = dict[str, float](), "motor", None
+        words = {"what": "friction, spring" if drive.is_elastic else "friction"}
         if np.isfinite(positions[joint]):
-            at = f"{positions[joint]:.4g}"
-            text = f"{joint} stands still in all logs, at {at} {drive.joint_units[1]}"
-            remedy += f", or lock it (--locked {joint}={at}), at the top of seaid.toml:\n"
-            remedy += f"locked = {{ {toml_key(joint)} = {at} }}"
-            evidence = {"position": positions[joint]}
-        text += f": its {what} and rotor inertia are not estimated, and its torque is not used"
-        yield CODES["standstill"].finding(text, joint, evidence=evidence, remedy=remedy)
+            at, case, evidence = f"{positions[joint]:.4g}", "joint", {"position": positions[joint]}
+            words |= {"at": at, "unit": drive.joint_units[1]}
+            remedy = f"move this joint, or lock it (--locked {joint}={at}), at the top of "
+            remedy += f"seaid.toml:\nlocked = {{ {toml_key(joint)} = {at} }}"
+        yield CODES["standstill"].finding(case, joint, {**evidence, **words}, remedy)
 
 
 def offset_findings(experiment: Experiment) -> Iterator[Finding]:
@@ -471,18 +422,16 @@ def offset_findings(experiment: Experiment) -> Iterator[Finding]:
 
 def _offset(experiment: Experiment, j: int, number: int, change: float, size: float) -> Finding:
     """Return the finding for encoder offsets that changed between log 1 and another one."""
-    joint = experiment.robot.joint_names[j]
+    joint, log = experiment.robot.joint_names[j], f"log {number}"
     quantity = "motor_position" if size else "joint_position"
     offset = -change * experiment.lever[j] if size else change
-    times = f", {abs(change) / size:.2g} times the deflection of its spring (rms)" if size else ""
     source = changed_source(experiment.source(j, quantity, number - 1), offset=offset)
-    message = f"the encoder offsets of {joint} differ by {abs(change):.4g} at the joint between "
-    message += f"log 1 and log {number}{times}: the robot was switched on anew"
-    remedy = in_description({joint: {quantity: source}}, f"log {number}")
-    evidence, code = {"difference at the joint": change}, CODES["encoder-offsets-differ"]
+    evidence = {"difference at the joint": change}
     if size:
-        return code.wrong(message, joint, evidence=evidence, remedy=remedy, certainty="certain")
-    return code.finding(message, joint, evidence=evidence, remedy=remedy)
+        evidence["times the deflection"] = abs(change) / size
+    remedy = in_description({joint: {quantity: source}}, log)
+    of_joint = "spring" if size else "stiff", joint, {**evidence, "log": log}, remedy
+    return CODES["encoder-offsets-differ"].finding(*of_joint)
 
 
 def strength_findings(experiment: Experiment) -> Iterator[Finding]:
@@ -499,17 +448,12 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     sizes, of_known = (np.sqrt(np.mean(torque**2, axis=0)) for torque in torques)
     heaviest = max(used, key=lambda j: float(sizes[j]))
     times = np.sqrt(np.mean(experiment.target**2, axis=0)) / sizes[heaviest]
-    joints = [robot.joint_names[j] for j in used if times[j] > tol.FAR]
+    joints = tuple(robot.joint_names[j] for j in used if times[j] > tol.FAR)
     if joints and of_known[heaviest] > tol.MOST * sizes[heaviest]:
-        largest = float(np.nanmax(times[used]))
-        yield CODES["unit"].wrong(
-            f"the torques of {', '.join(joints)} are up to {largest:.3g} times those which move "
-            f"and hold the known bodies and the payload ({sizes[heaviest]:.3g} N m, rms): they are "
-            "a percentage, a current or counts, or in another unit",
-            evidence={"torque over that of the bodies": largest},
-            remedy="look up the unit, and give its scale in the description of the log",
-            joints=tuple(joints),
-        )
+        evidence = {"torque over that of the bodies": float(np.nanmax(times[used]))}
+        evidence["torque of the bodies"] = float(sizes[heaviest])
+        of_joints = "strength", "", {**evidence, "joints": ", ".join(joints)}
+        yield CODES["unit"].finding(*of_joints, joints=joints)
 
 
 def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Finding]:
@@ -536,19 +480,14 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         residual, noise = deleted_residual(H, y, at_limit, tol.CORRELATED_ROWS)
         push = float(np.median(residual[at_limit] * np.sign(place[at_limit]))) / max(noise, tol.FEW)
         if push > tol.SIGNIFICANT:
-            yield CODES["contact"].wrong(
-                f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "
-                f"samples, where its motor pushes outwards by {push:.3g} times the error of what "
-                "the other samples predict: the torque there is that of a stop",
-                evidence={"share at the limit": share, "push over its error": push},
-                remedy="\n".join(
-                    f"in the description of {name}:\n"
-                    f"exclude_s = {_times_beyond(log, robot, joint, far)}"
-                    for name, log in Logged(robot, logs, ()).named
-                ),
-                certainty="certain",
-                joints=(joint,),
-            )
+            evidence = {"share at the limit": share, "push over its error": push}
+            excluded = [
+                f"in the description of {name}:\n"
+                f"exclude_s = {_times_beyond(log, robot, joint, far)}"
+                for name, log in Logged(robot, logs, ()).named
+            ]
+            of_joint = "pushes", joint, evidence, "\n".join(excluded)
+            yield CODES["contact"].finding(*of_joint, joints=(joint,))
 
 
 def _times_beyond(log: Log, robot: Robot, joint: str, far: float) -> list[list[float]]:
@@ -574,7 +513,13 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
         for j, joint in enumerate(robot.joint_names):
             largest, limit = float(np.max(np.abs(values[:, j]))), float(limits[j])
             if 0 < tol.MANY_TIMES * limit < largest:
-                text = f"the {name} of {joint} reaches {largest / limit:.3g} times its limit in "
-                text += "the robot file: check the unit of its channels and of the time"
-                evidence = {f"{name} over its limit": largest / limit}
-                yield CODES["unit"].finding(text, joint, evidence=evidence, certainty="possible")
+                times, words = largest / limit, {"name": name, "times": f"{largest / limit:.3g}"}
+                evidence = {f"{name} over its limit": times, **words}
+                yield CODES["unit"].finding("limits", joint, evidence)
+
+
+OF_STRENGTHS = (Check(CODES["unit"], (), strength_findings),)
+OF_STOPS = (Check(CODES["contact"], (), stop_findings),)
+OF_LIMITS = (Check(CODES["unit"], (), limit_findings),)
+"""What is looked for in torques that are none of the bodies: far too large, of a stop, or beyond
+the limits of the robot file."""

@@ -11,11 +11,12 @@ no better for it: a cause is as severe as the symptoms that it explains.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, partialmethod
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -34,6 +35,46 @@ Source = str | Mapping[str, Any]
 
 Sources = Mapping[str, Mapping[str, Source]]
 """{joint: {quantity: its source}}."""
+
+
+_FORMS: dict[str, Callable[[Any], float]] = {"abs": abs, "degrees": math.degrees}
+_FORMS |= {"milli": lambda x: 1e3 * x, "half": lambda x: 0.5 * x}
+"""{form: function}: a number of the evidence in the unit of a sentence."""
+
+
+_FIELD = re.compile(r"\{(\w[^{}:]*)(?::([^{}|]*)\|?([a-z ]*))?\}")
+"""A field of a template, such as {delay [s]:.3g|abs milli}: the name of a value and its format."""
+
+
+def _filled(text: str, values: Mapping[str, Any]) -> str:
+    """Return a template with values {name: value} in place of its fields."""
+
+    def shown(match: re.Match[str]) -> str:
+        name, spec, forms = match.groups("")
+        value = values[name]
+        for form in forms.split():
+            value = _FORMS[form](value)
+        return format(value, spec)
+
+    return _FIELD.sub(shown, text)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is said of one case of a code: templates of its values.
+
+    An empty `remedy` is none, and without any it is the advice of the code.
+    """
+
+    message: str
+    remedy: str | None = None
+    severity: Severity = "doubtful"
+    certainty: Certainty | None = None
+
+    def filled(self, values: Mapping[str, Any]) -> Case:
+        """Return the texts with values in place of their fields."""
+        remedy = self.remedy and _filled(self.remedy, values)
+        return replace(self, message=_filled(self.message, values), remedy=remedy)
 
 
 @dataclass(frozen=True)
@@ -57,6 +98,8 @@ class Code:
         spoils the fit of its joint, or of all joints if a finding names none.
     certainty : {"certain", "likely", "possible"}
         That of its findings, unless a case has another one.
+    cases : mapping {name: Case}
+        What its findings say.
     """
 
     name: str
@@ -67,40 +110,54 @@ class Code:
     implies: str = ""
     kind: Literal["cause", "symptom", ""] = ""
     certainty: Certainty = "likely"
+    cases: Mapping[str, Case] = FrozenMapping({}, "case")
 
     def finding(
         self,
-        message: str,
+        case: str,
         joint: str = "",
-        severity: Severity = "doubtful",
-        evidence: Mapping[str, float] = FrozenMapping({}),
+        evidence: Mapping[str, Any] = FrozenMapping({}),
         remedy: str | None = None,
+        severity: Severity | None = None,
         certainty: Certainty | None = None,
         joints: tuple[str, ...] = (),
     ) -> Finding:
-        """Return a finding of this code; the arguments are the attributes of `Finding`.
+        """Return a finding of this code: of one of its `cases` by name, or with a message in words.
 
-        The joint is the only one of `joints` unless it is named, and the remedy is the advice of
-        the code unless there is one of the case, as is the certainty.
+        The words among the `evidence` are in its texts only. The joint is the only one of `joints`
+        unless it is named, the remedy that of the case, else the advice of the code, and so are
+        severity and certainty.
         """
-        joint, remedy = joint or only_joint(joints), self.advice if remedy is None else remedy
-        sure = certainty or self.certainty
-        return Finding(self.name, message, joint, severity, evidence, remedy, sure, joints)
+        joint = joint or only_joint(joints)
+        texts = Case(case) if " " in case else self.cases[case].filled({"joint": joint, **evidence})
+        numbers = {name: x for name, x in evidence.items() if not isinstance(x, str)}
+        if remedy is None:
+            remedy = self.advice if texts.remedy is None else texts.remedy
+        sure, severity = certainty or texts.certainty or self.certainty, severity or texts.severity
+        return Finding(self.name, texts.message, joint, severity, numbers, remedy, sure, joints)
 
-    wrong = partialmethod(finding, severity="wrong")
+    wrong: ClassVar[partialmethod[Finding]] = partialmethod(finding, severity="wrong")
     """Return a `finding` by which the result is not to be used."""
 
-    note = partialmethod(finding, severity="note", certainty="certain", remedy="")
+    note: ClassVar[partialmethod[Finding]] = partialmethod(
+        finding, severity="note", certainty="certain", remedy=""
+    )
     """Return a `finding` for information: by default what is certain and needs no remedy."""
+
+
+def _in_lines(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the texts of a table, each in one line."""
+    return {key: " ".join(x.split()) for key, x in table.items() if isinstance(x, str)}
 
 
 def _codes() -> Mapping[str, Code]:
     """Return {name of a code: the code} of codes.toml."""
     tables = read_toml(Path(__file__).with_name("codes.toml"), "the texts of codes", SeaidError)
     codes = dict[str, Code]()
-    for name, texts in tables.items():
-        attributes: dict[str, Any] = {key: " ".join(text.split()) for key, text in texts.items()}
-        codes[name] = Code(name, **attributes)
+    for name, table in tables.items():
+        texts, of_cases = _in_lines(table), (x for x in table if isinstance(table[x], dict))
+        cases = {case: Case(**_in_lines(table[case])) for case in of_cases}
+        codes[name] = Code(name, **texts, cases=FrozenMapping(cases, f"case of '{name}'"))
     return FrozenMapping(codes, "code of a finding")
 
 
@@ -204,6 +261,11 @@ class Channel:
     quantity: str
     values: Array
     source: Source | None
+
+    @property
+    def words(self) -> str:
+        """The quantity in words."""
+        return self.quantity.replace("_", " ")
 
     @property
     def entry(self) -> Mapping[str, Any]:

@@ -8,7 +8,7 @@ friction and springs that it lacks, springs parallel to a joint, gains in anothe
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
 from seaid.checks.codes import CODES, EXPLAINED, Sources, in_drives, only_joint
-from seaid.checks.engine import Acceptance, ColumnCheck, Need
+from seaid.checks.engine import Acceptance, Check, ColumnCheck, Need
 from seaid.checks.experiment import sources_of
 from seaid.checks.terms import (
     DriveRows,
@@ -32,7 +32,7 @@ from seaid.checks.terms import (
 from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
 from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
 from seaid.drives.drives import DefaultTerms
-from seaid.errors import Finding, listed
+from seaid.errors import Finding, Severity, listed
 from seaid.estimation import FittedRows
 from seaid.log import Log, Motion
 from seaid.log.rows import in_band_at
@@ -270,14 +270,11 @@ def _friction(side: Side, joint: str) -> list[engine.Candidate]:
     return _terms(side, joint, "friction", terms)
 
 
-def _parallel_springs(side: Side, joint: str) -> list[engine.Candidate]:
-    """Return the spring parallel to a joint; what holds a locked output, and yields, is none."""
-    return _terms(side, joint, "parallel_spring", ("linear",))
-
-
-def _joint_friction(side: Side, joint: str) -> list[engine.Candidate]:
-    """Return the friction behind the spring of a joint, which its motor equation does not have."""
-    return _terms(side, joint, "joint_friction", _PLAIN)
+# what holds a locked output, and yields, is no spring parallel to the joint
+_parallel_springs = partial(_terms, field="parallel_spring", terms=("linear",))
+# the motor equation does not have the friction behind the spring of a joint
+_joint_friction = partial(_terms, field="joint_friction", terms=_PLAIN)
+_spring_laws = partial(_terms, field="spring", terms=_LAWS)
 
 
 def _gain_scales(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -293,10 +290,6 @@ def _known_torque(side: Side, joint: str) -> Array:
     """Return the torque (R, 1) of the known bodies at the rows of a joint."""
     rows = side.equation.rows.joint == side.robot.index(joint)
     return np.asarray(rows[:, None] * side.torque_of_known)
-
-
-def _spring_laws(side: Side, joint: str) -> list[engine.Candidate]:
-    return _terms(side, joint, "spring", _LAWS)
 
 
 def _is_impossible(side: Side, found: engine.Accepted) -> bool:
@@ -323,23 +316,21 @@ def _missing_terms(side: Side, joint: str, accepted: Acceptance, share: float) -
         return None
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
-    terms = [trial.candidate.term for trial in trials]
-    names, is_spring = " and ".join(f"'{term}'" for term in terms), field == "spring"
-    lacking = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
+    terms, is_spring = [trial.candidate.term for trial in trials], field == "spring"
+    words = {"terms": " and ".join(f"'{term}'" for term in terms), "field": field}
+    # Next to other weights the residual may be larger than before.
+    words["explained part"] = f"{max(share, 0.0):.0%}"
+    words["equation"] = "motor" if side.is_motor else "torque"
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
-    return (CODES["nonlinear-spring"] if is_spring else CODES["missing-term"]).finding(
-        f"{lacking}: {names} in its {field} would explain "
-        # Next to other weights the residual may be larger than before.
-        f"{max(share, 0.0):.0%} of the squared residual of its "
-        f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
-        f"blocks by {comparison.improvement:.0%}",
-        joint,
-        "doubtful" if is_spring or _matters(side, joint, trials, share) else "note",
-        {**comparison.evidence, **values, EXPLAINED: share},
-        _lines_of_terms(side, joint, field, terms, values),
-    )
+    evidence = {**comparison.evidence, **values, EXPLAINED: share}
+    severity: Severity = "note"
+    if is_spring or _matters(side, joint, trials, share):
+        severity = "doubtful"
+    code, case = ("nonlinear-spring", "law") if is_spring else ("missing-term", "lacks")
+    remedy = _lines_of_terms(side, joint, field, terms, values)
+    return CODES[code].finding(case, joint, {**evidence, **words}, remedy, severity)
 
 
 def _lines_of_terms(
@@ -386,41 +377,28 @@ def _gain_is_scaled(side: Side, joint: str, accepted: Acceptance, share: float) 
     times, error = _factor(accepted[0], 1.0)
     if times <= 0:
         return None
-    gains = f"its gains are in another unit, such as V per rad, and {1 / times:.3g} times as large "
-    cause = f"{gains}in N m; or the bodies are {times:.3g} times as heavy as in the robot file"
+    evidence = {"torque over that of the known bodies": times, "standard error": error}
+    evidence[EXPLAINED] = share
     if others := _contradicting(side, joint):
-        cause = f"{listed(others)} with the same gains have other factors, so that those bodies "
-        cause += "are not the ones of the robot file, or another torque acts there"
+        return CODES["gain-scale"].finding("differs", joint, {**evidence, "others": listed(others)})
     before = "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
-    finding = CODES["gain-scale"].finding(
-        f"the torque of the controller of {joint} is {times:.3g} +- {error:.2g} times that of the "
-        f"known bodies, which explains {share:.0%} of the squared residual of its torque equation: "
-        f"{cause}",
-        joint,
-        "doubtful",
-        {"torque over that of the known bodies": times, "standard error": error, EXPLAINED: share},
-        in_drives({(joint, "controller"): "is_up_to_scale = true"}, before),
-    )
-    return replace(finding, severity="note", remedy="weigh a link") if others else finding
+    lines = in_drives({(joint, "controller"): "is_up_to_scale = true"}, before)
+    words = {"inverse": f"{1 / times:.3g}"}
+    return CODES["gain-scale"].finding("alone", joint, {**evidence, **words}, lines)
 
 
-def unknown_scales(robot: Robot, joints: Sequence[str]) -> Iterator[Finding]:
+def _unknown_scales(robot: Robot, joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the finding of `joints` whose gains have a scale that nothing determines."""
-    if not joints:
-        return
-    scales = (f"{joint} {robot.drives[joint].scale_of_gains:.4g}" for joint in joints)
-    yield CODES["gain-scale"].finding(
-        "the gains are in units of the drive, and nothing fixes their scale in N m: it counts as "
-        f"that of the drives file ({listed(scales)}), and all inertias, masses, frictions and "
-        "torques of the joints that move together are known up to that factor. Their ratios, "
-        "delays and the replay of logs do not depend on it",
-        only_joint(joints),
-        "doubtful",
-        remedy="known bodies (known_bodies=), logs with and without a payload "
-        "(identify_conditions), or "
-        + in_drives({(joints[0],): 'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]'}),
-        certainty="certain",
-    )
+    words = {"scales": listed(f"{x} {robot.drives[x].scale_of_gains:.4g}" for x in joints)}
+    before = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
+    lines = 'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]'
+    remedy = in_drives({(joints[0],): lines}, f"{before}or ")
+    yield CODES["gain-scale"].finding("unknown", only_joint(joints), words, remedy)
+
+
+_UNSCALED = Need[Robot, Sequence[str]]("gains in units of the drive", lambda _, x: bool(x))
+OF_SCALES = (Check(CODES["gain-scale"], (_UNSCALED,), _unknown_scales),)
+"""What is looked for in joints whose gains have no scale."""
 
 
 def _known_rotors(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -438,19 +416,17 @@ def _rotor_is_other(side: Side, joint: str, accepted: Acceptance, share: float) 
     times, error = _factor(accepted[0], side.robot.drives[joint].values["motor_inertia"])
     if times <= 0:
         return None
+    scale = CODES["torque-scale"]
     off = f"{max(times, 1 / times):.3g} times too {'large' if times > 1 else 'small'}"
-    return CODES["rotor-inertia"].finding(
-        f"the motion of {joint} shows a rotor inertia of {times:.3g} +- {error:.2g} times the "
-        f"given one, which explains {share:.0%} of the squared residual of its motor equation: the "
-        f"given value is wrong; or the motor torque is {off}, as by its constant: "
-        f"{CODES['torque-scale'].implies}",
-        joint,
-        "doubtful" if share > MATTERS and abs(np.log(times)) > 2 * POOR else "note",
-        {"rotor inertia over the given one": times, "standard error": error, EXPLAINED: share},
-        f"{CODES['torque-scale'].measurement}: if the torque is right, remove motor_inertia_kg_m2 "
-        "of the drive to have it identified",
-        "possible",
-    )
+    evidence = {"rotor inertia over the given one": times, "standard error": error}
+    words = {"off": off, "implied": scale.implies}
+    remedy = f"{scale.measurement}: if the torque is right, remove motor_inertia_kg_m2 of the "
+    remedy += "drive to have it identified"
+    severity: Severity = "note"
+    if share > MATTERS and abs(np.log(times)) > 2 * POOR:
+        severity = "doubtful"
+    of_joint = "motion", joint, {**evidence, EXPLAINED: share, **words}, remedy, severity
+    return CODES["rotor-inertia"].finding(*of_joint)
 
 
 def _factor(accepted: engine.Accepted, known: float) -> tuple[float, float]:
@@ -502,13 +478,8 @@ def included_term(trial: engine.Trial) -> Finding:
     """Return the note that a term was added to a drive whose friction nobody named."""
     candidate, comparison, values = trial.candidate, trial.comparison, trial.alternative.values
     width = "".join(f" over {value:.2g} rad/s" for value in values.values())
-    return CODES["missing-term"].note(
-        f"friction of {candidate.joint}, of which the drive names no terms: "
-        f"'{candidate.term}'{width} is included and explains {comparison.explained:.0%} of the "
-        "squared residual; name the terms in friction = [...] to decide it",
-        candidate.joint,
-        evidence={**comparison.evidence, **values},
-    )
+    evidence = {**comparison.evidence, **values, "term": candidate.term, "width": width}
+    return CODES["missing-term"].note("included", candidate.joint, evidence)
 
 
 def backlash(
@@ -516,13 +487,6 @@ def backlash(
 ) -> Finding:
     """Return the finding of backlash that looks like a weak spring, by a comparison of laws."""
     unit = unit_of(with_term(drive, "spring", "dead_zone"), "dead_zone")
-    return CODES["backlash"].finding(
-        f"the gear or the spring of {joint} has backlash, with a half width of about "
-        f"{values['dead_zone']:.2g} {unit}: 'dead_zone' in its spring would explain "
-        f"{comparison.explained:.0%} of the squared residual of its motor equation, and its "
-        "stiffness without it is not that of the spring",
-        joint,
-        "doubtful",
-        {**comparison.evidence, **values},
-        in_drives({(joint,): toml_of(drive, "spring", ["dead_zone"], values)}),
-    )
+    lines = in_drives({(joint,): toml_of(drive, "spring", ["dead_zone"], values)})
+    evidence = {**comparison.evidence, **values, "unit": unit}
+    return CODES["backlash"].finding("looks", joint, evidence, lines)

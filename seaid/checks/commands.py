@@ -19,11 +19,12 @@ import numpy as np
 from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
+from seaid.checks.engine import Check
 from seaid.checks.experiment import Experiment, Transform, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95, stated_delay_s
-from seaid.errors import Finding, listed
+from seaid.errors import Finding, Severity, listed
 from seaid.estimation import Estimate
 from seaid.estimation.parameters import buses_of, is_stated
 from seaid.estimation.qr_factor import residual_of
@@ -97,11 +98,10 @@ def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding
         return
     name, sources = "position_command", first.log.sources()
     lines = {x.joint: {name: changed_source(sources[y.joint][name])} for x, y in pairs[:2]}
-    message = f"the position commands of {first.joint} and {second.joint} are exchanged: each joint"
-    message += f" follows that of the other one (correlations {crossed:.3f} and {other:.3f})"
     evidence = {"correlation": min(crossed, other), "correlation as given": max(own)}
-    swapped, remedy = codes.CODES["swapped-joints"], codes.in_description(lines)
-    yield swapped.finding(message, first.joint, "wrong", evidence, remedy, "certain")
+    words = {"other": second.joint, "each": f"{crossed:.3f} and {other:.3f}"}
+    of_pair = "commands", first.joint, {**evidence, **words}, codes.in_description(lines)
+    yield codes.CODES["swapped-joints"].finding(*of_pair)
 
 
 def _controlled_position(log: Log, j: int, ratio: float) -> Array:
@@ -117,24 +117,24 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
     """
     command, position, joint = commanded.command, commanded.position, commanded.joint
     r = correlation(command, position)
-    if abs(r) < tol.MOST:
+    times = float(np.std(command) / np.std(position))
+    if abs(r) < tol.MOST or (r > 0 and abs(math.log(times)) < math.log(tol.FAR)):
         return
-    name, factor, times = "position_command", -1.0, float(np.std(command) / np.std(position))
-    code, words = codes.CODES["sign"], "moves against its position: it has the opposite sign"
+    name, factor, words = "position_command", -1.0, dict[str, str]()
     if r > 0:
-        if abs(math.log(times)) < math.log(tol.FAR):
-            return
-        code, name = codes.CODES["unit"], _in_another_unit(commanded, times > 1)
+        name = _in_another_unit(commanded, times > 1)
         times, like = (times, "position") if name == "position_command" else (1 / times, "command")
         is_degrees = abs(math.log(times * math.pi / 180)) < tol.MOST
         factor = float(f"{math.pi / 180 if is_degrees else 1 / times:.4g}")
-        unit = "degrees" if is_degrees else "another unit"
-        words = f"has {times:.4g} times the range of its {like}: it is in {unit}"
+        words = {"like": like, "unit": "degrees" if is_degrees else "another unit"}
     source = changed_source(commanded.log.sources()[joint][name], factor=factor)
-    message = f"the {name.replace('_', ' ')} of {joint} {words} (correlation {r:.3f})"
-    evidence = {"correlation": r, "ratio of the ranges": times}
+    evidence, words["name"] = (
+        {"correlation": r, "ratio of the ranges": times},
+        name.replace("_", " "),
+    )
     remedy = codes.in_description({joint: {name: source}})
-    yield code.finding(message, joint, "wrong", evidence, remedy, "certain")
+    code = codes.CODES["unit" if r > 0 else "sign"]
+    yield code.finding("command", joint, {**evidence, **words}, remedy)
 
 
 def _in_another_unit(commanded: Commanded, is_command_larger: bool) -> str:
@@ -158,7 +158,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     """Yield commands of which some are logged twice; held ones, all alike, are no finding."""
     from scipy.ndimage import uniform_filter1d
 
-    time, command, joint = commanded.log.time, commanded.command, commanded.joint
+    time, command = commanded.log.time, commanded.command
     period_s, changes = float(time[-1] - time[0]) / (len(time) - 1), np.diff(command)
     at = np.flatnonzero(changes)
     # Samples from one change of the command to the next: 1 where each sample has a new one.
@@ -170,17 +170,10 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     # A median above one: each command is held over several samples, and none is repeated.
     if len(runs) < tol.POOR * len(command) or np.median(runs) > 1:
         return
-    share = float(np.sum(runs - 1) / np.sum(runs))
-    if share < tol.FEW:
-        return
-    longest_ms = 1e3 * period_s * float(np.percentile(runs - 1, 99))
-    yield codes.CODES["delay"].finding(
-        f"{share:.1%} of the position commands of {joint} repeat the one before while others "
-        f"change: they are logged twice or late, by {longest_ms:.3g} ms and more at times",
-        joint,
-        evidence={"share of repeated commands": share},
-        remedy="log each command with the time at which it was sent",
-    )
+    evidence = {"share of repeated commands": float(np.sum(runs - 1) / np.sum(runs))}
+    if evidence["share of repeated commands"] >= tol.FEW:
+        evidence["longest delay [s]"] = period_s * float(np.percentile(runs - 1, 99))
+        yield codes.CODES["delay"].finding("repeats", commanded.joint, evidence)
 
 
 def _at_stop(commanded: Commanded) -> Iterator[Finding]:
@@ -192,17 +185,11 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     share, farthest = float(np.mean(command_beyond > 0)), float(np.max(command_beyond))
     if share < tol.FEW or np.sum(position_beyond) > tol.MOST * np.sum(command_beyond):
         return
-    others = [name for name in robot.joint_names if name != joint]
-    yield codes.CODES["contact"].finding(
-        f"{joint} is commanded beyond its limits in the robot file, from {lower:.4g} to "
-        f"{upper:.4g} {unit}, in {share:.0%} of the samples, by up to {farthest:.3g} {unit}, and "
-        "does not follow there: at its stop its controller pushes against a force that is not in "
-        "the model",
-        joint,
-        "wrong" if share > tol.MOST else "doubtful",
-        {"share beyond the limits": share, "farthest beyond": farthest},
-        f"command it within its limits{codes.excluding_torque(others)}",
-    )
+    others = codes.excluding_torque([name for name in robot.joint_names if name != joint])
+    words = {"range": f"{lower:.4g} to {upper:.4g} {unit}", "unit": unit, "others": others}
+    evidence = {"share beyond the limits": share, "farthest beyond": farthest, **words}
+    severity: Severity = "wrong" if share > tol.MOST else "doubtful"
+    yield codes.CODES["contact"].finding("stop", joint, evidence, severity=severity)
 
 
 def _limited(commanded: Commanded) -> Iterator[Finding]:
@@ -212,34 +199,23 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
     if not has_limit and robot.drives[joint].is_up_to_scale:
         return  # its gains are in other units than the limit
     limit = limit if has_limit else float(robot.effort_limits[robot.index(joint)])
-    asked, unit = np.abs(commanded.asked), commanded.units[0]
+    asked, saturation = np.abs(commanded.asked), codes.CODES["saturation"]
     share = float(np.mean(asked > limit)) if limit > 0 else 0.0
     if share < tol.FEW:
         return
     times, evidence = float(np.median(asked)) / limit, {"share at the limit": share}
-    asks = f"the controller of {joint} asks for more than its torque limit, {limit:.4g} {unit}, in "
-    asks += f"{share:.1%} of the samples"
+    words = {"limit": f"{limit:.4g} {commanded.units[0]}"}
     # bodies of the robot file show another unit better than its limits
     if times > tol.MANY_TIMES and (has_limit or not np.any(robot.parameters)):
-        yield codes.CODES["gain-scale"].finding(
-            f"{asks}, and for {times:.3g} times as much on average: its gains are in another unit "
-            "than the limit, such as units of the drive (counts, 1/256, per degree)",
-            joint,
-            evidence={**evidence, "median torque over its limit": times},
-            remedy=_declared_scale(robot, [joint]),
-        )
+        evidence["median torque over its limit"] = times
+        of_joint = "limit", joint, {**evidence, **words}, _declared_scale(robot, [joint])
+        yield codes.CODES["gain-scale"].finding(*of_joint)
     elif has_limit:
-        message = f"{asks}: the limit counts as its torque there"
-        yield codes.CODES["saturation"].note(message, joint, evidence=evidence)
+        yield saturation.note("limited", joint, {**evidence, **words})
     else:
-        yield codes.CODES["saturation"].finding(
-            f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} {unit}, in "
-            f"{share:.1%} of the samples more than the effort limit of the robot file ({limit:.4g} "
-            f"{unit}), and has no torque limit",
-            joint,
-            evidence=evidence,
-            remedy=codes.in_drives({(joint, "controller"): f"torque_limit_Nm = {limit:.4g}"}),
-        )
+        words["most"] = f"{float(np.max(asked)):.3g} {commanded.units[0]}"
+        lines = codes.in_drives({(joint, "controller"): f"torque_limit_Nm = {limit:.4g}"})
+        yield saturation.finding("effort", joint, {**evidence, **words}, lines)
 
 
 def _declared_scale(robot: Robot, joints: Sequence[str]) -> str:
@@ -258,13 +234,9 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
     largest = float(np.max(np.abs(rates[:, commanded.log.joint_names.index(joint)])))
     if largest > 0:  # False for a joint without them, too, whose samples are NaN
         line = f"command_velocity_gain_Nms_per_rad = {gain:g}"
-        yield codes.CODES["unused-command"].finding(
-            f"the log has velocity commands of {joint}, of up to {largest:.3g} "
-            f"{commanded.units[1]}/s, and its controller has no gain for them: they are not used",
-            joint,
-            evidence={"largest velocity command": largest},
-            remedy=codes.in_drives({(joint, "controller"): line}, only="if the drive gets them"),
-        )
+        remedy = codes.in_drives({(joint, "controller"): line}, only="if the drive gets them")
+        evidence = {"largest velocity command": largest, "unit": commanded.units[1]}
+        yield codes.CODES["unused-command"].finding("velocity", joint, evidence, remedy)
 
 
 def _encoder_noise(position: Array) -> float:
@@ -281,20 +253,14 @@ def _encoder_noise(position: Array) -> float:
 
 def _too_close(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint whose tracking error is mostly the noise of its encoder."""
-    joint, size = commanded.joint, float(np.std(commanded.command - commanded.position))
-    noise, unit = _encoder_noise(commanded.position), commanded.units[1]
-    if size > tol.SURE * noise or is_constant(commanded.position):
-        return
-    yield codes.CODES["unidentifiable"].finding(
-        f"the position of {joint} follows its command within {1e3 * size:.3g} "
-        f"m{unit} (rms), {size / noise if noise else 1.0:.2g} times the noise and resolution of "
-        f"its encoder ({1e3 * noise:.2g} m{unit}): what its controller gives is mostly noise, and "
-        "no parameter is identifiable from it",
-        joint,
-        evidence={"tracking error over noise": size / noise if noise else 0.0},
-        remedy="record a faster motion, lower gains, or a payload; or log the torque",
-        certainty="certain",
-    )
+    size = float(np.std(commanded.command - commanded.position))
+    noise = _encoder_noise(commanded.position)
+    if size <= tol.SURE * noise and not is_constant(commanded.position):
+        evidence = {"tracking error over noise": size / noise if noise else 0.0, "noise": noise}
+        words = {"unit": commanded.units[1], "times": f"{size / noise if noise else 1.0:.2g}"}
+        evidence["tracking error"] = size
+        of_joint = "noise", commanded.joint, {**evidence, **words}
+        yield codes.CODES["unidentifiable"].finding(*of_joint)
 
 
 _OF_COMMANDS = (_repeats, _at_stop, _limited, _ignored, _too_close)
@@ -341,12 +307,11 @@ def _no_measurement(
     channel: codes.Channel, drive: Drive, error: Array, is_magnitude: bool, others: Sequence[str]
 ) -> Finding:
     """Return the finding of a torque or current that is a magnitude, or computed from the error."""
-    torque, r = channel.values, abs(correlation(error, channel.values))
+    evidence = {"correlation with the tracking error": abs(correlation(error, channel.values))}
     known = "20.0  # write the gain of your controller"
-    what = "has no sign: it is a magnitude and returns to zero without crossing it"
     if not is_magnitude:
         # N tau_M = K e at the joint
-        times = float(np.std(torque) / np.std(error))
+        times = float(np.std(channel.values) / np.std(error))
         # K_p acts at the joint, N K_t i = N tau_M = K_p e: a current needs K_t for it
         to_joint = {
             "joint_torque": 1.0,
@@ -354,20 +319,15 @@ def _no_measurement(
             "motor_current": drive.ratio * drive.values.get("torque_constant", math.nan),
         }[channel.quantity]
         known = f"{to_joint * times:.4g}" if math.isfinite(to_joint) else known
-        what = f"is {times:.4g} times the tracking error (correlation {r:.4f})"
+        evidence["times the tracking error"] = times
     table = f'type = "stiff"\ngear_ratio = {drive.ratio:.6g}\nmotor_input = "position_command"'
     law = f"position_gain_Nm_per_rad = {known}"
     remedy: str = codes.in_drives({(channel.joint,): table, (channel.joint, "controller"): law})
     if drive.is_elastic or np.isnan(error[0]):  # a joint with a controller is stiff, and commanded
         remedy = _to_be_measured(others)
-    return codes.CODES["no-measurement"].finding(
-        f"the {channel.quantity.replace('_', ' ')} of {channel.joint} {what}, so that it measures "
-        "no torque",
-        channel.joint,
-        "wrong" if is_magnitude else "doubtful",
-        {"correlation with the tracking error": r},
-        remedy,
-    )
+    case, words = "magnitude" if is_magnitude else "tracking", {"quantity": channel.words}
+    of_joint = case, channel.joint, {**evidence, **words}, remedy
+    return codes.CODES["no-measurement"].finding(*of_joint)
 
 
 def magnitudes(experiment: Experiment) -> Iterator[Finding]:
@@ -377,13 +337,9 @@ def magnitudes(experiment: Experiment) -> Iterator[Finding]:
     of_file = experiment.of_file + np.nan_to_num(torque - experiment.target)
     torque = np.where(np.isnan(torque), experiment.sensed, torque)
     folded = [j for j in experiment.on_bodies if _is_folded(of_file[:, j], torque[:, j])]
+    remedy = _to_be_measured(x for i, x in enumerate(names) if i not in folded)
     for j in folded:
-        yield codes.CODES["no-measurement"].wrong(
-            f"the torque of {names[j]} has no sign, and rises with the size of the torque of the "
-            "bodies of the robot file on both sides: it is a magnitude and measures no torque",
-            names[j],
-            remedy=_to_be_measured(x for i, x in enumerate(names) if i not in folded),
-        )
+        yield codes.CODES["no-measurement"].finding("folded", names[j], remedy=remedy)
 
 
 def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
@@ -400,15 +356,9 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
         most, most_of_all = (x.factor + tol.SURE * x.error for x in (scale, experiment.scales[j]))
         is_chance = abs(scale.factor) < tol.SIGNIFICANT * scale.error
         if is_chance and most < 1 and most_of_all < tol.SEVERE and _is_friction(experiment, j):
-            yield codes.CODES["no-measurement"].finding(
-                f"the torque of {names[j]} has {scale.factor:.2g} +- {scale.error:.2g} times that "
-                "of the bodies of the robot file, and follows the direction of its motion: it "
-                "measures friction, or nothing",
-                names[j],
-                "wrong",
-                {"torque over that of the bodies": scale.factor, "standard error": scale.error},
-                _to_be_measured(shown),
-            )
+            factor = {"torque over that of the bodies": scale.factor, "standard error": scale.error}
+            of_joint = "friction", names[j], factor, _to_be_measured(shown)
+            yield codes.CODES["no-measurement"].finding(*of_joint)
 
 
 def _is_friction(experiment: Experiment, j: int) -> bool:
@@ -491,14 +441,13 @@ def delay_estimate_findings(robot: Robot, stated: Robot, load_side: Estimate) ->
                 evidence[f"armature and {slope:.3g} delay of {joint}"] = value
                 stated_s = max(stated_s, std)
     if sums:
-        yield codes.CODES["command-delay"].note(
-            "the log does not separate the delay of the commands from rotor inertia and friction: "
-            f"it counts as known to +-{NORMAL_95 * stated_s * 1e3:.3g} ms, which is in all "
-            "intervals. Within one gain set it determines armature + (K_d + F_v) delay "
-            f"[kg m^2], with 95 %: {listed(sums)}",
-            evidence=evidence,
-            remedy=_OTHER_GAINS,
-        )
+        evidence["delay within [s]"] = NORMAL_95 * stated_s
+        of_sums = "sums", "", {**evidence, "sums": listed(sums)}, _OTHER_GAINS
+        yield codes.CODES["command-delay"].finding(*of_sums)
+
+
+OF_DELAYS = (Check(codes.CODES["command-delay"], (), delay_estimate_findings),)
+"""What is looked for in the delays of commands, after a fit."""
 
 
 def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, float]:
@@ -523,14 +472,11 @@ def _unusual_delay(delay: float, joints: Sequence[str], stated: str = "") -> Fin
     when, cause = "before", "they are logged late, or K_d is on the error (command_velocity_gain)"
     if delay > 0:
         when, cause = "after", "no bus is so slow: clocks differ, or the drive filters its commands"
-    return codes.CODES["delay"].finding(
-        f"the commands of {listed(joints)} act {1e3 * abs(delay):.3g} ms {when} their time in the "
-        f"log: {stated or cause}",
-        codes.only_joint(joints),
-        "doubtful" if delay > 0 or stated else "note",
-        {"delay [s]": delay},
-        "correct the drives" if stated else "log the commands and the positions with one clock",
-    )
+    words = {"joints": listed(joints), "when": when, "cause": stated or cause}
+    severity: Severity = "doubtful" if delay > 0 or stated else "note"
+    remedy, evidence = "correct the drives" if stated else None, {"delay [s]": delay, **words}
+    of_commands = "commands", codes.only_joint(joints), evidence, remedy, severity
+    return codes.CODES["delay"].finding(*of_commands)
 
 
 def _controllers(experiment: Experiment) -> dict[int, Controller]:
@@ -553,19 +499,12 @@ def torque_limits(experiment: Experiment) -> Iterator[Transform]:
         levels = np.quantile(asked[asked > 0], np.linspace(0.3, 0.98, 35)).tolist()
         changed = {x: _with_limit(experiment, j, x) for x in levels}
         limit = min(changed, key=lambda x: changed[x].scale(j).unexplained)
-        joint, line = experiment.robot.joint_names[j], f"torque_limit_Nm = {limit:.3g}"
-        yield Transform(
-            codes.CODES["saturation"],
-            f"the controller of {joint} has no torque limit and asks for up to "
-            f"{float(np.max(asked)):.3g} N m, but the joint moves as if its torque ended at about "
-            f"{limit:.3g} N m ({float(np.mean(asked > limit)):.0%} of the samples)",
-            changed[limit],
-            joint,
-            codes.in_drives({(joint, "controller"): f"{line}  # write that of your drive"}),
-            evidence={"torque limit": limit},
-            penalty=1.0,
-            joints=(joint,),
-        )
+        joint, evidence = experiment.robot.joint_names[j], {"torque limit": limit}
+        evidence |= {"largest torque": float(np.max(asked)), "share": float(np.mean(asked > limit))}
+        line = f"torque_limit_Nm = {limit:.3g}  # write that of your drive"
+        of_joint = "motion", joint, evidence, codes.in_drives({(joint, "controller"): line})
+        finding = codes.CODES["saturation"].finding(*of_joint, joints=(joint,))
+        yield Transform(finding, changed[limit], penalty=1.0)
 
 
 def _with_limit(experiment: Experiment, j: int, limit: float) -> Experiment:
@@ -598,18 +537,12 @@ def _in_other_units(
     errors = [experiment.scales[j].error / factor for j, factor in off.items()]
     factors = {**dict.fromkeys(others, float(np.median([*off.values()]))), **off}
     texts = [f"{names[j]} {'1/' * (x < 1)}{max(x, 1 / x):.3g}" for j, x in off.items()]
-    alike = f"; {listed([names[j] for j in others])} as the others" if others else ""
+    words = {"bodies": "known bodies" if robot.known_bodies else "bodies of the robot file"}
+    words |= {"factors": listed(texts), "error": f"{float(np.median(errors)):.1%}"}
+    words["alike"] = f"; {listed([names[j] for j in others])} as the others" if others else ""
+    evidence = {f"torque of {names[j]} over that of the bodies": x for j, x in off.items()}
     joints = tuple(names[j] for j in sorted(factors))
-    return Transform(
-        codes.CODES["gain-scale"],
-        "the controllers give many times or a fraction of the torque that moves and holds the "
-        f"{'known bodies' if robot.known_bodies else 'bodies of the robot file'} "
-        f"({listed(texts)}, +- {float(np.median(errors)):.1%}{alike}): their gains are in units of "
-        "the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
-        scaled(experiment, {j: 1 / factor for j, factor in factors.items()}, "t"),
-        codes.only_joint(joints),
-        _declared_scale(robot, joints),
-        evidence={f"torque of {names[j]} over that of the bodies": x for j, x in off.items()},
-        penalty=float(len(off)),
-        joints=joints,
-    )
+    of_joints = "bodies", "", {**evidence, **words}, _declared_scale(robot, joints)
+    finding = codes.CODES["gain-scale"].finding(*of_joints, joints=joints)
+    right = scaled(experiment, {j: 1 / factor for j, factor in factors.items()}, "t")
+    return Transform(finding, right, penalty=float(len(off)))

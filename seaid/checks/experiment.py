@@ -23,7 +23,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import Code, Source, Sources, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.drives.terms import MOTOR_CONSTANTS
-from seaid.errors import Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation import qr_factor
 from seaid.estimation.covariance import correlated_rows
 from seaid.log import Motion, row_samples
@@ -906,34 +906,55 @@ STEP, MOST_STEPS = 1e-3, 8
 def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tuple[float, float]:
     """Return the value of a change with which the bodies of the file explain most, and its error.
 
-    That is the standard error, with the errors of these bodies; a value that the torques do not
-    show, or that is not found, is zero with an infinite one. The steps are those of Gauss and
-    Newton. Computed torques in place of the logged ones are the instruments, because noise of a
-    torque that is changed would bias least squares.
+    A value that the torques do not show, or that is not found, is zero with an infinite error.
     """
-    # not `change` by nothing, which would derive all of the experiment again
-    value, weights = start, change(experiment, start) if start else experiment
-    changed = weights
+    (value,), (error,), is_found = best_values(experiment, [change], np.array([start]))
+    return (float(value), float(error)) if is_found else (0.0, math.inf)
+
+
+def best_values(
+    experiment: Experiment, changes: Sequence[Change], starts: Array
+) -> tuple[Array, Array, bool]:
+    """Return the values (k,) of changes with which the bodies of the file explain most.
+
+    Next come their standard errors (k,), with the errors of these bodies, and whether the torques
+    show all of them. The steps are those of Gauss and Newton. Computed torques in place of the
+    logged ones are the instruments, because noise of a torque that is changed would bias least
+    squares.
+    """
+    values, errors = starts.astype(float), np.full(len(changes), np.inf)
+    changed = weights = _changed(experiment, changes, values)
     for _ in range(MOST_STEPS * experiment.has_bodies):
         # of a long robot, whose factors take a second, the weights are those of the start
         weights = changed if len(experiment.used) <= SHORTLIST else weights
-        ahead, left = change(changed, STEP), changed.target - changed.of_file
-        effect = ahead.target - ahead.of_file - left
-        instrument = change(changed.computed, STEP).target - changed.computed.target
-        instrument += changed.of_file - ahead.of_file
-        x, z, u = weights.weighed(np.stack([effect, instrument, left], axis=-1)).T
-        # z . (u + d x / STEP) = 0 for a step d, where u is unexplained: z . u has the variance z.z
-        slope, size = float(z @ x) / STEP, float(np.linalg.norm(z))
-        if size >= tol.MOST * abs(slope):  # also if the change has no effect on any torque
-            break
-        step, error = -float(z @ u) / slope, size / abs(slope)
+        left, computed = changed.target - changed.of_file, changed.computed
+        effects, instruments = list[Array](), list[Array]()
+        for change in changes:
+            ahead = change(changed, STEP)
+            effects.append(ahead.target - ahead.of_file - left)
+            of_computed = change(computed, STEP).target - computed.target
+            instruments.append(of_computed + changed.of_file - ahead.of_file)
+        torques = weights.weighed(np.stack([*effects, *instruments, left], axis=-1))
+        X, Z = torques[:, : len(changes)] / STEP, torques[:, len(changes) : -1] / STEP
+        # Z^T (u + X d) = 0 for steps d, where u is unexplained: Z^T u has the covariance Z^T Z
+        inverse = qr_factor.scaled_svd(Z.T @ X).inverses
+        step, spread = -inverse @ (Z.T @ torques[:, -1]), np.linalg.norm(inverse @ Z.T, axis=1)
+        errors = np.where(spread > 0, spread, np.inf)  # also if a change has no effect
         # a first step that is no more than its error needs no second one
-        enough = tol.POOR * max(error, tol.SLIGHT) if value else tol.SURE * error
-        value += float(np.clip(step, -tol.MOST, tol.MOST))
-        if abs(step) < enough:
-            return value, error
-        changed = change(experiment, value)
-    return 0.0, math.inf
+        enough = np.where(values, tol.POOR * np.maximum(errors, tol.SLIGHT), tol.SURE * errors)
+        values = values + np.clip(step, -tol.MOST, tol.MOST)
+        is_shown = bool(np.all(errors < tol.MOST))
+        if not is_shown or np.all(np.abs(step) < enough):
+            return values, errors, is_shown
+        changed = _changed(experiment, changes, values)
+    return values, errors, False
+
+
+def _changed(experiment: Experiment, changes: Sequence[Change], values: Array) -> Experiment:
+    """Return the experiment after changes by values, but not by nothing, which derives it anew."""
+    for change, value in zip(changes, values.tolist(), strict=True):
+        experiment = change(experiment, value) if value else experiment
+    return experiment
 
 
 def best_factors(
@@ -1045,24 +1066,18 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Transform:
-    """A possible mistake: the experiment `changed` to be without it, and what its finding says.
+    """A possible mistake: the experiment `changed` to be without it, and its finding.
 
     `penalty` is subtracted from the gain of the log likelihood: the number of fitted values, as
-    Akaike counts them, or less than one for what is unusual. `joints` are all that are concerned,
-    where `joint` is not the only one. `channels`: q, m, t and s that it multiplies. `sources` are
-    what changes in the description of the log; its lines stand before the `remedy`. `log` is the
-    number of the log, from 0, of a mistake that the others do not have.
+    Akaike counts them, or less than one for what is unusual. `channels`: q, m, t and s that it
+    multiplies. `sources` are what changes in the description of the log; its lines stand before the
+    remedy of the finding. `log` is the number of the log, from 0, of a mistake that the others do
+    not have.
     """
 
-    code: Code
-    message: str
+    finding: Finding
     changed: Experiment
-    joint: str = ""
-    remedy: str = ""
-    severity: Severity = "wrong"
-    evidence: Mapping[str, float] = field(default_factory=dict)
     penalty: float = 0.0
-    joints: tuple[str, ...] = ()
     channels: str = ""
     sources: Sources = field(default_factory=dict)
     log: int | None = None
@@ -1072,27 +1087,28 @@ class Transform:
         """The whole remedy as text."""
         log = "the log" if self.log is None else f"log {self.log + 1}"
         described = in_description(self.sources, log) if self.sources else ""
-        return "\n".join(filter(None, [described, self.remedy]))
+        return "\n".join(filter(None, [described, self.finding.remedy]))
 
 
 def multiplied(
     code: Code,
+    case: str,
     experiment: Experiment,
     factors: Mapping[int, float],
     channels: str,
-    words: str,
+    evidence: Mapping[str, Any] = FrozenMapping({}),
+    penalty: float = 0.0,
     **more: Any,
 ) -> Transform:
     """Return the transform that multiplies logged channels (q, m, t, s) of joints by factors.
 
-    Its message says what they are: in other `words`, behind their `subject`.
+    Its finding is a case of a code, whose sentence begins with the `subject`.
     """
     names = experiment.robot.joint_names
     entries = {names[j]: experiment.entries(j, channels, factor=x) for j, x in factors.items()}
-    message = f"{subject(experiment, [*factors], channels)} {words}"
-    more |= {"channels": channels, "sources": entries}
-    changed = scaled(experiment, factors, channels)
-    return Transform(code, message, changed, only_joint([*entries]), **more)
+    words = {"subject": subject(experiment, [*factors], channels), **evidence}
+    finding = code.finding(case, only_joint([*entries]), words, **more)
+    return Transform(finding, scaled(experiment, factors, channels), penalty, channels, entries)
 
 
 def subject(experiment: Experiment, joints: Sequence[int], channels: str) -> str:

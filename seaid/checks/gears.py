@@ -38,7 +38,7 @@ from seaid.checks.values import POSITIVE
 from seaid.drives import IDEAL_DRIVE, AngleRatio
 from seaid.drives.angle_ratio import Ratios
 from seaid.drives.terms import MOTOR_CONSTANTS
-from seaid.errors import Finding, listed
+from seaid.errors import Finding, Severity, listed
 from seaid.estimation.least_squares import settled_weights
 from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
 from seaid.log import Motion, low_pass
@@ -120,14 +120,10 @@ def periodic(side: Side, joint: str, accepted: Acceptance, share: float) -> Find
     for angle, order in sorted([*known, *orders], key=lambda x: x[1]):
         by_angle.setdefault(angle, []).append(order)
     table = ", ".join(f"{angle} = {of_angle}" for angle, of_angle in by_angle.items())
-    return codes.CODES["transmission-error"].finding(
-        f"{share:.0%} of the residual of the motor equation of {joint} is periodic ({text}): an "
-        "error of the gear or its encoders, or ripple of the motor",
-        joint,
-        "doubtful" if share >= tol.MATTERS else "note",
-        evidence,
-        codes.in_drives({(joint,): f"{field} = {{ {table} }}"}),
-    )
+    lines = codes.in_drives({(joint,): f"{field} = {{ {table} }}"})
+    severity: Severity = "doubtful" if share >= tol.MATTERS else "note"
+    of_joint = "periodic", joint, {**evidence, "text": text}, lines, severity
+    return codes.CODES["transmission-error"].finding(*of_joint)
 
 
 def _lever(side: Side, joint: str) -> float:
@@ -187,12 +183,10 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         for factor, error, penalty in _other_ratios(experiment, j, slope):
             value, std = ratio * factor, ratio * factor * error
             if value <= tol.LARGEST_RATIO[is_linear]:
-                text = f"the gear ratio of {joint} is {value:.4g} +- {std:.2g}, not {ratio:.4g}"
-                changed = _with_ratio(j, experiment, math.log(factor))
+                evidence = {"given ratio": ratio, "ratio": value, "standard error": std}
                 lines = codes.in_drives({(joint,): f"{key} = {value:.6g}\n{key}_std = {std:.2g}"})
-                of_joint = codes.CODES["gear-ratio"], text, changed, joint, lines
-                evidence = {"given ratio": ratio, "standard error": std}
-                yield Transform(*of_joint, evidence=evidence, penalty=penalty)
+                finding = codes.CODES["gear-ratio"].finding("other", joint, evidence, lines)
+                yield Transform(finding, _with_ratio(j, experiment, math.log(factor)), penalty)
 
 
 def can_move(experiment: Experiment, joints: Sequence[int], factor: float) -> bool:
@@ -216,10 +210,8 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
         factors = (1 / lever if side == "joint" else lever).tolist()
         joints = [j for j in range(robot.n) if _may_be_geared(experiment, j, side, factors[j])]
         for places in dict.fromkeys([(*joints,), *((j,) for j in joints)]) if joints else ():
-            words = f"are the angles of the {other}s, on the other side of the gear"
-            remedy = f'# that is the gear: or, in place of the scale, side = "{other}"'
-            of_places = codes.CODES["unit"], experiment, {j: factors[j] for j in places}
-            yield multiplied(*of_places, channel, words, remedy=remedy)
+            of_places = codes.CODES["unit"], "geared", experiment, {j: factors[j] for j in places}
+            yield multiplied(*of_places, channel, {"other": other})
 
 
 def _may_be_geared(experiment: Experiment, j: int, side: str, factor: float) -> bool:
@@ -267,13 +259,9 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
         is_step = step * projected[i] > (1 - tol.SEVERE) * float(X[:, -1] @ X[:, -1])
         if is_step and abs(step) > tol.LEAST_OFFSET:
             start, end = experiment.time[[i - 1, i], 0].tolist()
-            joint, evidence = experiment.robot.joint_names[j], {"step": step, "time [s]": end}
-            text = f"the encoders of {joint} step against each other by {1e3 * step:.3g} mrad at "
-            text += f"the joint between {start:.2f} and {end:.2f} s"
-            parts = f"between_s = [0, {start:.2f}] and between_s = [{end:.2f}, {last:.0f}]"
-            remedy = "tighten it and repeat, or read the parts before and after as two logs, in "
-            options = {"evidence": evidence, "remedy": f"{remedy}seaid.toml: {parts}"}
-            findings.append(codes.CODES["loose-encoder"].wrong(text, joint, **options))
+            evidence = {"step": step, "time before [s]": start, "time [s]": end}
+            of_joint = "steps", experiment.robot.joint_names[j], {**evidence, "last": f"{last:.0f}"}
+            findings.append(codes.CODES["loose-encoder"].finding(*of_joint))
             motor[0, :, j] -= experiment.lever[j] * step * steps[:, i]
             counted[i - 1 : i + 1, j] = False  # the low pass spreads the step over its neighbours
     changed = experiment.with_changes(motor=motor, counted=counted)
@@ -285,11 +273,8 @@ def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
     for j in _between_encoders(experiment):
         part, joint = float(experiment.of_encoders[j]), experiment.robot.joint_names[j]
         if part > tol.SEVERE and np.ptp(experiment.turned[0][:, j]) > tol.LEAST_SWING:
-            text = f"the encoders of {joint} show two motions: what is between them is {part:.0%} "
-            text += "of the motion of the joint, beyond what a torque deflects"
-            remedy = "plot both positions: one is that of another joint or quantity, or slips"
             evidence = {"part between the encoders": part}
-            yield codes.CODES["loose-encoder"].finding(text, joint, "wrong", evidence, remedy)
+            yield codes.CODES["loose-encoder"].finding("apart", joint, evidence)
 
 
 def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
@@ -314,13 +299,12 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
         drives[names[j]] = replace(drives[names[j]], transmission=factors)
         table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in factors.items())
         lines[names[j],] = f"transmission = {{ {table} }}"
-    texts = (f"{name}: {count:.3g}" for name, count in evidence.items())
-    text = f"motors turn behind their gears with several joints ({listed(texts)}), by a "
-    text += "differential, a tendon or a parallel linkage"
+    joints = tuple(names[j] for j in turns)
+    words = {"turns": listed(f"{name}: {count:.3g}" for name, count in evidence.items())}
+    of_joints = "motors", joints[0], {**evidence, **words}, codes.in_drives(lines)
+    finding = codes.CODES["coupled-joints"].finding(*of_joints, joints=joints)
     changed = experiment.with_changes(robot=experiment.robot.with_drives(drives))
-    joints, lines_of_all = tuple(names[j] for j in turns), codes.in_drives(lines)
-    of_joints = codes.CODES["coupled-joints"], text, changed, joints[0], lines_of_all
-    return Transform(*of_joints, evidence=evidence, joints=joints, penalty=float(len(turns)))
+    return Transform(finding, changed, penalty=float(len(turns)))
 
 
 def _uncoupled(experiment: Experiment) -> list[tuple[int, int]]:
@@ -376,12 +360,10 @@ def _against_another_link(
     changed = experiment.turned_by(angles)
     motor = changed.motor if "m" in channels else experiment.motor
     changed = changed.with_changes(motor=motor, direction=np.sign(motor[1]))
-    measured = subject(experiment, (j,), channels)
     added = f"{'minus' if sign < 0 else 'plus'} the angle of {mover}"
-    text = f"{measured} are measured against another link than the one before it: the joint moves "
-    text += f"as they do {added}"
-    remedy = f"write {measured} {added} into the log, as those of {joint}"
-    return Transform(codes.CODES["coupled-joints"], text, changed, joint, remedy, penalty=1.0)
+    words = {"measured": subject(experiment, (j,), channels), "added": added}
+    finding = codes.CODES["coupled-joints"].finding("absolute", joint, words)
+    return Transform(finding, changed, penalty=1.0)
 
 
 def undeclared_springs(experiment: Experiment) -> Iterator[Transform]:
@@ -398,12 +380,13 @@ def small_springs(experiment: Experiment) -> Iterator[Finding]:
     torque explains most of what the encoders differ by, however small that is next to the motion.
     """
     for j, spring in _springs(experiment):
-        apart, declared = float(np.ptp(spring.deflection)), _declared(experiment, {j: spring})
+        apart = float(np.ptp(spring.deflection))
         if spring.explained > tol.MOST and apart > tol.LEAST_OFFSET:
-            text = f"{declared.message}: the torque explains {spring.explained:.0%} of the squared "
-            text += f"angle between the encoders of {declared.joint}, up to {1e3 * apart:.3g} mrad"
-            of_spring = declared.code.finding(text, declared.joint, evidence=declared.evidence)
-            yield replace(of_spring, remedy=declared.remedy)
+            declared = _declared(experiment, {j: spring}).finding
+            evidence = {"explained by the torque": spring.explained, "deflection": apart}
+            words = {**declared.evidence, **evidence, "text": declared.message}
+            of_spring = "small", declared.joint, words, declared.remedy
+            yield codes.CODES["gear-compliance"].finding(*of_spring)
 
 
 def _declared(experiment: Experiment, springs: Mapping[int, _Spring]) -> Transform:
@@ -412,18 +395,12 @@ def _declared(experiment: Experiment, springs: Mapping[int, _Spring]) -> Transfo
     for j, spring in springs.items():
         motor[0, :, j] -= experiment.lever[j] * spring.deflection
     text = [f"{names[j]} by {x.stiffness:.3g} +- {x.error:.2g} N m/rad" for j, x in springs.items()]
-    message = "the encoders move apart in proportion to the torque, as on both sides of a spring "
-    message += f"({listed(text)}), and the drives are given as stiff"
     evidence = {f"stiffness of {names[j]}": x.stiffness for j, x in springs.items()}
-    return Transform(
-        codes.CODES["gear-compliance"],
-        message,
-        experiment.with_changes(motor=motor),
-        codes.only_joint([names[j] for j in springs]),
-        codes.in_drives({(names[j],): 'type = "series_elastic"' for j in springs}),
-        evidence=evidence,
-        penalty=float(len(springs)),
-    )
+    lines = codes.in_drives({(names[j],): 'type = "series_elastic"' for j in springs})
+    joint, words = codes.only_joint([names[j] for j in springs]), {"springs": listed(text)}
+    of_springs = "declared", joint, {**evidence, **words}, lines
+    finding = codes.CODES["gear-compliance"].finding(*of_springs)
+    return Transform(finding, experiment.with_changes(motor=motor), penalty=float(len(springs)))
 
 
 class _Spring(NamedTuple):
@@ -497,13 +474,10 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
             joint=np.array(of_joint.at_drives(*experiment.joint)),
             sensed=experiment.sensed / of_joint.rates(experiment.joint[0]),
         )
-        text = f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
-        text += f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
-        text += "linkage, a lever or a spindle"
-        of_ratio = codes.CODES["varying-ratio"], text, changed, joint
-        evidence = {"least ratio": ratio * low, "largest ratio": ratio * high}
+        evidence = {"least ratio": ratio * low, "largest ratio": ratio * high, "given ratio": ratio}
         remedy = codes.in_drives({(joint,): lines})
-        yield Transform(*of_ratio, remedy, evidence=evidence, penalty=1.0)
+        finding = codes.CODES["varying-ratio"].finding("linkage", joint, evidence, remedy)
+        yield Transform(finding, changed, penalty=1.0)
 
 
 def _varied(q: Array, apart: Array, deflection: Array) -> tuple[Array, Array]:
@@ -657,15 +631,17 @@ def late_channels(
         for joint, channel in channels.items()
     }
     late = f"{next(iter(channels.values())).replace('_', ' ')}s"
-    others = "motor positions" if late == "joint positions" else "positions"
-    return codes.CODES["delay"].finding(
-        f"the {late} of {', '.join(channels)} are {1e3 * abs(delay):.3g} +- "
-        f"{1e3 * error:.2g} ms {'late' if delay > 0 else 'early'} against the {others}",
-        codes.only_joint([*channels]),
-        "doubtful" if is_doubt else "note",
-        {"delay [s]": delay, "standard error [s]": error, "explained": share},
-        codes.in_description(entries),
-    )
+    words = {
+        "channels": late,
+        "joints": ", ".join(channels),
+        "late": "late" if delay > 0 else "early",
+    }
+    words["others"] = "motor positions" if late == "joint positions" else "positions"
+    evidence = {"delay [s]": delay, "standard error [s]": error, "explained": share}
+    severity: Severity = "doubtful" if is_doubt else "note"
+    remedy = codes.in_description(entries)
+    of_channels = "late", codes.only_joint([*channels]), {**evidence, **words}, remedy, severity
+    return codes.CODES["delay"].finding(*of_channels)
 
 
 def common_delay(
@@ -802,12 +778,8 @@ def zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> F
     is_known, rival = bool(side.robot.known_bodies), ", or centres of known bodies are off as much"
     # Known bodies are wrong by a tenth of what others are (`Experiment.widths`).
     is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * tol.POOR * is_known)
-    return codes.CODES["encoder-offset"].finding(
-        f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
-        f"that of the robot file{rival * is_known}: that explains {share:.0%} of the squared "
-        "residual of its torque",
-        joint,
-        "note" if is_minor else "doubtful",
-        {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
-        codes.in_description(codes.moved_zeros(side.robot, {joint: offset}, side.sources)),
-    )
+    evidence = {"offset [rad]": offset, "standard error [rad]": error, "explained": share}
+    lines = codes.in_description(codes.moved_zeros(side.robot, {joint: offset}, side.sources))
+    severity: Severity = "note" if is_minor else "doubtful"
+    of_joint = "residual", joint, {**evidence, "rival": rival * is_known}, lines, severity
+    return codes.CODES["encoder-offset"].finding(*of_joint)

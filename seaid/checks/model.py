@@ -66,9 +66,8 @@ def _is_another_set_up(
     with_friction = side.equation.with_alternatives([engine.Alternative(of_each, 0)])
     explained, scores, _ = _explained_by(with_friction, own, is_fixed)
     if explained >= MATTERS and scores:
-        cause = f"log {' and log '.join(numbers)} and the others are not of one set-up: next to "
-        cause += "friction and zeros that each log may have, values of its own"
-        return _of_logs(side, joint, cause, explained, scores)
+        words = {"logs": " and log ".join(numbers)}
+        return _of_logs(side, joint, "set-up", explained, scores, words)
     return _in_friction(side, joint, of_each, ~is_fixed)
 
 
@@ -81,8 +80,7 @@ def _in_friction(side: Side, joint: str, of_each: Array, is_free: BoolArray) -> 
         return None
     specific = ", ".join(f'"{x}"' for x in sorted({"spring_offset", *(x.quantity for x in scores)}))
     remedy = f"give each log a condition of its own, with condition_specific = [{specific}]"
-    cause = "the logs differ in friction, as by the temperature: own values of each"
-    return _of_logs(side, joint, cause, explained, scores, remedy)
+    return _of_logs(side, joint, "friction", explained, scores, {}, remedy)
 
 
 Scores = Mapping[ParameterName, float]
@@ -111,21 +109,23 @@ def _explained_by(
 
 
 def _of_logs(
-    side: Side, joint: str, cause: str, explained: float, scores: Scores, remedy: str | None = None
+    side: Side,
+    joint: str,
+    case: str,
+    explained: float,
+    scores: Scores,
+    words: Mapping[str, str],
+    remedy: str | None = None,
 ) -> Finding:
     """Return the finding of logs that differ, with the values that do so most."""
     # a column of a motor equation has no owner
     worst, named = sorted(scores, key=scores.__getitem__)[:-4:-1], joint * side.is_motor
     differing = listed(first_term(readable(x.at(x.owner or named))) for x in worst)
-    sizes = listed(f"{scores[x]:.0f}" for x in worst)
-    equation = f"motor equation of {joint}" if side.is_motor else "torque equations"
-    return CODES["logs-differ"].finding(
-        f"{cause} explain {explained:.0%} of the squared residual of the {equation}; the largest "
-        f"difference is that of {differing}, by {sizes} standard errors",
-        named,
-        evidence={EXPLAINED: explained, "standard errors": scores[worst[0]]},
-        remedy=remedy,
-    )
+    evidence = {EXPLAINED: explained, "standard errors": scores[worst[0]], **words}
+    evidence["sizes"] = listed(f"{scores[x]:.0f}" for x in worst)
+    evidence["equation"] = f"motor equation of {joint}" if side.is_motor else "torque equations"
+    evidence["differing"] = differing
+    return CODES["logs-differ"].finding(case, named, evidence, remedy)
 
 
 _FRICTION = {*chain(*PARAMETERS_OF["friction"].values(), *PARAMETERS_OF["joint_friction"].values())}

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import permutations, product
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -26,7 +25,7 @@ from scipy.special import chdtri
 from seaid._arrays import Array
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Code, Source, in_drives
+from seaid.checks.codes import CODES, Source, in_drives
 from seaid.checks.engine import Check, Need, guarded, observed, proposals
 from seaid.checks.experiment import (
     KINDS,
@@ -41,7 +40,7 @@ from seaid.checks.experiment import (
     subject,
     with_torques_of,
 )
-from seaid.errors import Certainty, Finding, listed
+from seaid.errors import Finding, listed
 from seaid.log import Log
 from seaid.log.channels import UNIT_FACTORS
 from seaid.robot import Robot
@@ -93,12 +92,12 @@ class _Trial:
     @property
     def left(self) -> tuple[float, float]:
         """The part of the torque that is left at the joints of the transform, and at the middle."""
-        changed, transform = self.transform.changed, self.transform
+        changed, finding = self.transform.changed, self.transform.finding
         # any bodies or those of the file: another mistake may contradict the latter, or one of the
         # two joints of an exchange
         misfit = np.fmin(changed.nominal, changed.free)
         middle = float(np.nanmedian(misfit)) if np.any(np.isfinite(misfit)) else 0.0
-        names = transform.joints or (transform.joint,) * bool(transform.joint)
+        names = finding.joints or (finding.joint,) * bool(finding.joint)
         of_joints = misfit[[changed.robot.index(name) for name in names]]
         return float(np.nanmin(of_joints)) if np.any(np.isfinite(of_joints)) else middle, middle
 
@@ -127,9 +126,9 @@ def _trial(before: Experiment, transform: Transform, count: int) -> _Trial:
     kinds, rows = [*before.misfits], before.independent_rows
     # misfits (kinds, n), of which nothing is less than a hundredth
     x, y = (np.maximum([*each.misfits.values()], tol.FEW) for each in (before, changed))
-    if transform.code == CODES["swapped-joints"]:
+    if transform.finding.code == "swapped-joints":
         # a misfit that moves from one joint to the other is no less: the larger ones are compared
-        pair = [before.robot.index(joint) for joint in transform.joints]
+        pair = [before.robot.index(joint) for joint in transform.finding.joints]
         both = np.ix_(np.all(np.isfinite(x[:, pair]), axis=1), pair)
         x[both], y[both] = np.sort(x[both]), np.sort(y[both])
     # n log(rms before / rms after): the gain of Gaussian residuals of unknown size.
@@ -196,7 +195,7 @@ def _without(best: _Trial, is_decided: bool) -> Experiment:
     if is_decided:  # the lines of the next mistake in a channel then contain those of this one
         experiment = experiment.described_as(transform.sources, transform.log)
     # The file is contradicted as a whole: nothing else is compared with its bodies.
-    if transform.code == CODES["nominal-values"]:
+    if transform.finding.code == "nominal-values":
         return experiment.with_changes(bodies=np.full_like(experiment.bodies, np.nan))
     return experiment
 
@@ -227,10 +226,11 @@ def _in_single_logs(experiment: Experiment, check: Mistake) -> Iterator[Transfor
         alone = experiment.of_log(number)
         for transform in check.proposed(alone) if len(alone.log) >= tol.FEWEST_INSTANTS else ():
             if transform.sources:
-                message = f"in log {number + 1} {transform.message}"
+                message = f"in log {number + 1} {transform.finding.message}"
                 changed = experiment.with_log(alone, transform.changed)
                 # a line of the drives would be one of all logs
-                yield replace(transform, message=message, changed=changed, log=number, remedy="")
+                finding = replace(transform.finding, message=message, remedy="")
+                yield replace(transform, finding=finding, changed=changed, log=number)
 
 
 def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) -> list[_Trial]:
@@ -238,7 +238,7 @@ def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) ->
     costs, rows = dict[Transform, tuple[float, float]](), experiment.independent_rows
     best, count, trials = list[Transform](), 0, list[_Trial]()
     for transform in transforms(experiment, possible, notes):
-        with guarded(transform.code, notes):
+        with guarded(CODES[transform.finding.code], notes):
             changed = transform.changed
             cost = changed.file_cost if experiment.has_bodies else changed.cost("free", rows)
             cost += sum(changed.cost(kind, rows) for kind in _DIRECT[1:])
@@ -252,7 +252,7 @@ def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) ->
     # Only then: in the place of one that the log contradicts another would be compared that its
     # costs do not suggest.
     for transform in dict.fromkeys(best):
-        with guarded(transform.code, notes):
+        with guarded(CODES[transform.finding.code], notes):
             if not _is_contradicted(experiment, transform):
                 trials.append(_trial(experiment, transform, count))
     return sorted(trials, key=lambda trial: -trial.total)
@@ -260,11 +260,11 @@ def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) ->
 
 def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
     """Return the finding of the best trial, with the `rivals` that explain as much."""
-    transform = best.transform
-    message, evidence, severity = transform.message, {**transform.evidence}, transform.severity
+    finding = best.transform.finding
+    message, evidence, severity = finding.message, {**finding.evidence}, finding.severity
     if best.falls:
         kind, j = min(best.falls, key=best.falls.__getitem__)
-        before, after = (float(x.misfits[kind][j]) for x in (best.before, transform.changed))
+        before, after = (float(x.misfits[kind][j]) for x in (best.before, best.transform.changed))
         evidence |= {codes.AS_GIVEN: before, "misfit without it": after}
         message += f": the part of the {KINDS[kind][1]} of {best.before.robot.joint_names[j]} that "
         message += f"is left unexplained falls from {before:.0%} to {after:.0%}"
@@ -275,13 +275,18 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
         severity = "note" if severity == "note" else "doubtful"
         message += ": by all that it shows, errors of the bodies in the robot file included, the "
         message += f"log contradicts the value given by {errors:.0f} standard errors{other}"
-    # what rests on the bodies of the robot file is at most likely
-    certainty: Certainty = "certain" if best.shown > tol.SIGNIFICANT**2 / 2 else "likely"
-    finding = transform.code.finding(
-        message, transform.joint, severity, evidence, transform.lines, certainty, transform.joints
+    finding = replace(
+        finding,
+        message=message,
+        severity=severity,
+        evidence=evidence,
+        remedy=best.transform.lines,
+        # what rests on the bodies of the robot file is at most likely
+        certainty="certain" if best.shown > tol.SIGNIFICANT**2 / 2 else "likely",
     )
-    others = {(x.transform.code, x.transform.message): best.total - x.total for x in rivals}
-    return codes.undecided(finding, others) if others else finding
+    others = [(x.transform.finding, best.total - x.total) for x in rivals]
+    causes = {(CODES[other.code], other.message): less for other, less in others}
+    return codes.undecided(finding, causes) if causes else finding
 
 
 def _rivals(best: _Trial, trials: Sequence[_Trial]) -> list[_Trial]:
@@ -290,7 +295,7 @@ def _rivals(best: _Trial, trials: Sequence[_Trial]) -> list[_Trial]:
     The same mistake of further joints, which nothing shows, is no rival of that of one.
     """
     transform = best.transform
-    code, joints = transform.code, transform.sources.keys()
+    code, joints = transform.finding.code, transform.sources.keys()
     rivals = {
         _subject(trial.transform): trial
         # From the worst to the best: of each subject the best one stays in the dictionary.
@@ -298,16 +303,16 @@ def _rivals(best: _Trial, trials: Sequence[_Trial]) -> list[_Trial]:
         if trial.total > best.total - tol.SURE**2 / 2
         and trial.explains()
         and trial.transform.penalty <= transform.penalty + 1  # the simple one of two that agree
-        and not (trial.transform.code == code and joints < trial.transform.sources.keys())
+        and not (trial.transform.finding.code == code and joints < trial.transform.sources.keys())
     }
     rivals.pop(_subject(transform), None)
     return list(rivals.values())
 
 
-def _subject(transform: Transform) -> tuple[Code, str, int | None, bool, bool]:
+def _subject(transform: Transform) -> tuple[str, str, int | None, bool, bool]:
     """Return code, joint, log, and whether a transform changes torque sensors, or places, alone."""
-    channels = transform.channels
-    return transform.code, transform.joint, transform.log, channels == "s", not channels
+    channels, finding = transform.channels, transform.finding
+    return finding.code, finding.joint, transform.log, channels == "s", not channels
 
 
 _OF_VALUES = (
@@ -319,8 +324,8 @@ _OF_VALUES = (
 
 def _is_value(before: Experiment, transform: Transform) -> bool:
     """Whether a mistake may be small: not next to motor constants that the bodies have given."""
-    is_factor = transform.channels == "qm" and "standard error" in transform.evidence
-    return (transform.code.name in _OF_VALUES or is_factor) and not np.any(before.is_unscaled)
+    is_factor = transform.channels == "qm" and "standard error" in transform.finding.evidence
+    return (transform.finding.code in _OF_VALUES or is_factor) and not np.any(before.is_unscaled)
 
 
 # Factors on channels: signs, units of positions and of torques
@@ -329,16 +334,13 @@ _SIGNS = {True: {"t": 0.0, "qm": 1.0, "qmts": 0.0}}
 _SIGNS[False] = {"mt": 0.0, "q": 0.0, "m": 0.0, "qt": 1.0}
 """{whether the encoders turn the same way: {channels of the opposite sign: penalty}}."""
 
-_REVERSED = {"mt": ": the gear reverses, its ratio is negative", "qmts": ": the joint as a whole"}
-"""{channels of the opposite sign: what that is}."""
-
 
 def _signs(experiment: Experiment) -> Iterator[Transform]:
     """Yield signs: of the torques of all joints, and of the channels of each."""
-    opposite, used = "have the opposite sign", experiment.used
+    used, code = experiment.used, CODES["sign"]
     if len(used) > 1:
         every = dict.fromkeys(used, -1.0)
-        yield multiplied(CODES["sign"], experiment, every, _torques(experiment), opposite)
+        yield multiplied(code, "opposite", experiment, every, _torques(experiment))
     for j in used:
         speeds = experiment.motor[1][:, j] * experiment.joint[1][:, j]
         choices = _SIGNS[not experiment.both[j] or float(np.mean(speeds)) > 0]
@@ -346,10 +348,13 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
             choices = choices | _SIGNS[False]  # the motor of a coupled joint may turn either way
         sensors = {"s": 0.0} if experiment.has_both_torques[j] else {}
         for sides, penalty in (choices | sensors).items():
-            of_gear = {"given ratio": float(experiment.ratio[j])} if sides == "mt" else {}
-            code, words = CODES["gear-ratio" if of_gear else "sign"], _REVERSED.get(sides, "")
-            more = {"evidence": of_gear, "penalty": penalty}
-            yield multiplied(code, experiment, {j: -1.0}, sides, opposite + words, **more)
+            of_joint = experiment, {j: -1.0}, sides
+            if sides == "mt":
+                evidence = {"given ratio": float(experiment.ratio[j])}
+                yield multiplied(CODES["gear-ratio"], "reversed", *of_joint, evidence, penalty)
+            else:
+                case = "whole" if sides == "qmts" else "opposite"
+                yield multiplied(code, case, *of_joint, penalty=penalty)
 
 
 _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
@@ -391,8 +396,8 @@ def _in_units(
             effect = slope * (factor if channels == "m" else 1 / factor)
             is_possible = not slope or abs(math.log(effect)) < 3 * tol.SLIGHT
         if is_possible:
-            factors = dict.fromkeys(joints, factor)
-            yield multiplied(CODES["unit"], experiment, factors, channels, f"are in {unit}")
+            of_joints = experiment, dict.fromkeys(joints, factor), channels
+            yield multiplied(CODES["unit"], "read-as", *of_joints, {"unit": unit})
 
 
 def _positions(experiment: Experiment) -> Iterator[Transform]:
@@ -424,10 +429,9 @@ def _position_scales(experiment: Experiment) -> Iterator[Transform]:
     alone = [j for j in experiment.used if not experiment.both[j]]
     for joints in dict.fromkeys([*((j,) for j in alone), tuple(alone)]) if alone else ():
         for factor, error, penalty in best_factors(experiment, partial(_rescaled, joints, "qm")):
-            words = f"{_off_by(1 / factor, error)}, as by other counts per turn"
-            options = {"evidence": {"standard error": error / factor}, "penalty": penalty}
-            factors = dict.fromkeys(joints, factor)
-            yield multiplied(CODES["unit"], experiment, factors, "qm", words, **options)
+            evidence = {"standard error": error / factor, "times": _off_by(1 / factor, error)}
+            of_joints = experiment, dict.fromkeys(joints, factor), "qm"
+            yield multiplied(CODES["unit"], "scaled", *of_joints, evidence, penalty)
 
 
 def _off_by(slope: float, error: float) -> str:
@@ -472,10 +476,9 @@ def _of_gear(experiment: Experiment, j: int, slope: float) -> Iterator[Transform
     """Yield the transforms of a torque that is that behind its gear, which is no unit."""
     lever = float(experiment.lever[j])
     if abs(math.log(lever)) > 2 * tol.POOR > abs(math.log(abs(slope) / lever)):
-        words = f"are {lever:.4g} times too large{_WITH_SIGN * (slope < 0)}: those of the other "
-        words += "side of the gear"
-        of_joint = CODES["torque-scale"], experiment, {j: math.copysign(1 / lever, slope)}
-        yield multiplied(*of_joint, "t", words, evidence={"factor": slope})
+        evidence = {"factor": slope, "lever": lever, "sign": _WITH_SIGN * (slope < 0)}
+        of_joint = experiment, {j: math.copysign(1 / lever, slope)}, "t"
+        yield multiplied(CODES["torque-scale"], "gear", *of_joint, evidence)
         if experiment.input(j) == "motor_torque" and slope > 0:
             yield _behind_gears(experiment, [j], slope)
 
@@ -503,13 +506,15 @@ def _scale(
     is_of_motors = all(experiment.input(j) in experiment.logged(j, channels) for j in joints)
     # A unit is one of few values and no fitted number: it costs one parameter less.
     factor = sign / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
-    words = (f"are in {unit}" if exact else _off_by(size, error)) + _WITH_SIGN * (sign < 0)
-    code, severity = ("unit", "wrong") if is_unit else ("torque-scale", "doubtful")
-    of_joints = experiment, dict.fromkeys(joints, factor), channels, words
+    words = {"unit": unit, "times": _off_by(size, error), "sign": _WITH_SIGN * (sign < 0)}
+    code, case = (
+        ("unit", "torques" if exact else "large") if is_unit else ("torque-scale", "scaled")
+    )
     names = [experiment.robot.joint_names[j] for j in joints]
     remedy = _stated(names, [error * (is_of_motors and not exact)] * len(names))
-    more: dict[str, Any] = {"severity": severity, "evidence": {"factor": slope} | known}
-    return multiplied(CODES[code], *of_joints, penalty=float(not exact), remedy=remedy, **more)
+    of_joints = experiment, dict.fromkeys(joints, factor), channels
+    evidence = {"factor": slope} | known | words
+    return multiplied(CODES[code], case, *of_joints, evidence, float(not exact), remedy=remedy)
 
 
 def _rescaled(
@@ -532,9 +537,8 @@ def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
     factors = {j: float(f"{slope:.4g}") for j, (slope, _) in scales.items()}
     if min(factors.values(), default=0.0) > tol.TWICE:  # each by the ratio of its own gear
         others = dict.fromkeys(experiment.used, float(np.median([*factors.values()])))
-        words = "are too small, by their constants or gear ratios, as the torque sensors show: "
-        words += f"{listed([f'{x:g}' for x in factors.values()])} times those of the motors"
-        of_all = CODES["torque-scale"], experiment, others | factors
+        words = {"factors": listed([f"{x:g}" for x in factors.values()])}
+        of_all = CODES["torque-scale"], "sensors", experiment, others | factors
         yield multiplied(*of_all, "t", words, penalty=float(len(factors)))
 
 
@@ -558,16 +562,8 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     yield from _at_other_sides(experiment, slopes, channels)
     # `bodies` include the payloads, `robot.parameters` do not: these were weighed.
     heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
-    yield Transform(
-        CODES["nominal-values"],
-        f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
-        "nominal values, or a payload that was not given",
-        experiment.with_changes(bodies=heavier),
-        severity="note",
-        remedy="correct the masses in the robot file, or name the payload",
-        evidence={"factor": middle},
-        penalty=1.0,
-    )
+    finding = CODES["nominal-values"].finding("masses", "", {"factor": middle})
+    yield Transform(finding, experiment.with_changes(bodies=heavier), penalty=1.0)
 
 
 def _at_other_sides(experiment: Experiment, slopes: Array, channels: str) -> Iterator[Transform]:
@@ -581,9 +577,8 @@ def _at_other_sides(experiment: Experiment, slopes: Array, channels: str) -> Ite
     if 1 / tol.TWICE < behind < tol.TWICE:
         yield _behind_gears(experiment, used, float(np.median(slopes)))
     if 1 / tol.TWICE < of_motors < tol.TWICE:
-        words = 'are those of the motors, which are read as those behind the gears (side = "joint")'
         levers = dict(zip(used, lever.tolist(), strict=True))
-        yield multiplied(CODES["unit"], experiment, levers, channels, words)
+        yield multiplied(CODES["unit"], "at-motors", experiment, levers, channels)
 
 
 def _ratings(experiment: Experiment) -> Iterator[Transform]:
@@ -604,18 +599,11 @@ def _ratings(experiment: Experiment) -> Iterator[Transform]:
         names = tuple(experiment.robot.joint_names[j] for j in parts)
         words = f"# by the {by} of the robot file; the ratings in the data sheets are better"
         stated = _stated(names, _scale_errors(experiment, parts)) if by == "masses" else ""
-        yield multiplied(
-            CODES["unit"],
-            experiment,
-            {j: float(f"{factor:.4g}") for j, factor in parts.items()},
-            "t",
-            f"are {least:.3g} to {largest:.3g} times those of the bodies of the robot file, as "
-            "parts of a rating of each motor are (per cent, per mille)",
-            remedy=f"{words}\n{stated}".strip(),
-            evidence={"least factor": least, "largest factor": largest},
-            penalty=float(len(parts) if by == "masses" else 1),
-            joints=names,
-        )
+        evidence = {"least factor": least, "largest factor": largest}
+        penalty = float(len(parts) if by == "masses" else 1)
+        factors = {j: float(f"{factor:.4g}") for j, factor in parts.items()}
+        of_all = CODES["unit"], "ratings", experiment, factors, "t", evidence, penalty
+        yield multiplied(*of_all, remedy=f"{words}\n{stated}".strip(), joints=names)
 
 
 def _scale_errors(experiment: Experiment, parts: Mapping[int, float]) -> list[float]:
@@ -670,11 +658,10 @@ def _behind_gears(experiment: Experiment, joints: Sequence[int], factor: float) 
     effort = np.where(is_behind, np.nan, experiment.effort)
     sensed = np.where(is_behind, experiment.torque, experiment.sensed)
     sources = {names[j]: {"joint_torque": experiment.source(j, "motor_torque")} for j in joints}
-    text = f"{subject(experiment, joints, 't')} are measured behind the gear, and not at the motor"
+    evidence = {"factor": factor, "subject": subject(experiment, joints, "t")}
+    finding = CODES["unit"].finding("behind", codes.only_joint([*sources]), evidence)
     changed = experiment.with_changes(effort=effort, sensed=sensed)
-    remedy = '# or, if they are computed from currents: motor_torque = {..., side = "joint"}'
-    of_all = CODES["unit"], text, changed, codes.only_joint([*sources]), remedy
-    return Transform(*of_all, evidence={"factor": factor}, sources=sources)
+    return Transform(finding, changed, sources=sources)
 
 
 # Rotors and the clock
@@ -688,11 +675,11 @@ def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
         # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
         for factor in near(rotor, experiment.lever[j] ** 2):
             inertia = np.where(np.arange(len(inertias)) == j, inertias * factor, inertias)
-            text = f"the rotor inertia of {joint} is {inertia[j]:.3g} kg m^2, not {inertias[j]:.3g}"
-            changed, penalty = experiment.with_changes(inertia=inertia), float(factor == rotor)
+            evidence = {"ratio": factor, "inertia": inertia[j], "given inertia": inertias[j]}
             lines = in_drives({(joint,): f"motor_inertia_kg_m2 = {inertia[j]:.4g}"})
-            of_joint = CODES["rotor-inertia"], text, changed, joint, lines
-            yield Transform(*of_joint, evidence={"ratio": factor}, penalty=penalty)
+            finding = CODES["rotor-inertia"].finding("given", joint, evidence, lines)
+            changed = experiment.with_changes(inertia=inertia)
+            yield Transform(finding, changed, penalty=float(factor == rotor))
 
 
 def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
@@ -703,11 +690,11 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
         stiffness, error = experiment.multiple(np.where(is_own, experiment.joint[0], 0.0))
         if stiffness > 0 and not experiment.sprung[j]:
             unit = "N/m" if experiment.robot.is_prismatic[j] else "N m/rad"
-            text = f"a spring of about {stiffness:.3g} +- {error:.2g} {unit} is parallel to {joint}"
-            changed = experiment.with_changes(sprung=experiment.sprung | is_own)
+            evidence = {"stiffness": stiffness, "standard error": error, "unit": unit}
             lines = in_drives({(joint,): 'parallel_spring = ["linear", "preload"]'})
-            of_joint = CODES["missing-term"], text, changed, joint, lines
-            yield Transform(*of_joint, evidence={"stiffness": stiffness}, penalty=1.0)
+            finding = CODES["missing-term"].finding("parallel", joint, evidence, lines)
+            changed = experiment.with_changes(sprung=experiment.sprung | is_own)
+            yield Transform(finding, changed, penalty=1.0)
 
 
 def _times(experiment: Experiment) -> Iterator[Transform]:
@@ -717,12 +704,12 @@ def _times(experiment: Experiment) -> Iterator[Transform]:
     for factor, error in {**dict.fromkeys(round_factors, 0.0), **fitted}.items():
         times, speeds = ("short", "large") if factor < 1 else ("long", "small")
         changed, size = _with_clock(experiment, math.log(factor)), max(factor, 1 / factor)
-        spread, known = f" +- {size * error:.2g}" * bool(error), {"standard error": size * error}
-        text = f"the time of the log is {size:.3g}{spread} times too {times}, so that speeds are "
+        known = {"factor": factor} | ({"standard error": size * error} if error else {})
+        spread = f"{size:.3g}" + f" +- {size * error:.2g}" * bool(error)
+        evidence = {**known, "size": spread, "times": times, "speeds": speeds}
         lines = f"in the description of the log:\ntime = {{ rate_hz = {changed.rate_hz:.6g} }}"
-        of_log = CODES["time-unit"], f"{text}too {speeds}", changed, "", lines
-        evidence = {"factor": factor, **(known if error else {})}
-        yield Transform(*of_log, evidence=evidence, penalty=1.0)
+        finding = CODES["time-unit"].finding("clock", "", evidence, lines)
+        yield Transform(finding, changed, penalty=1.0)
 
 
 def _with_clock(experiment: Experiment, log_factor: float) -> Experiment:
@@ -759,8 +746,9 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
             sources[second] = _of_other(experiment, i, sides, 1 / factor)
             if factor != 1:
                 changed = scaled(changed, {i: factor, j: 1 / factor}, "t")
-            message = f"{subject(experiment, (i, j), sides)} are exchanged"
-            yield Transform(code, message, changed, first, joints=pair, sources=sources)
+            words = {"subject": subject(experiment, (i, j), sides)}
+            finding = code.finding("channels", first, words, joints=pair)
+            yield Transform(finding, changed, sources=sources)
 
 
 def _exchangeable(experiment: Experiment, i: int, j: int) -> Iterator[str]:
@@ -893,16 +881,11 @@ def _sizes(logged: channels.Logged) -> Iterator[Finding]:
     farthest = {words: float(np.max(np.linalg.norm(x, axis=1))) for words, x in sizes.items()}
     far = [f"{words} {size:.3g} m" for words, size in farthest.items() if size > tol.LONGEST_M]
     if far:
-        text = f"the robot file has {listed(far)}: its lengths, or inertias, are in mm, not m"
-        remedy = "in the robot file: lengths in mm times 0.001, inertias in kg mm^2 times 1e-6, "
-        remedy += "in g mm^2 times 1e-9"
-        evidence = {"longest distance [m]": max(farthest.values())}
-        yield CODES["geometry"].finding(text, "", "wrong", evidence, remedy, "certain")
+        evidence = {"longest distance [m]": max(farthest.values()), "far": listed(far)}
+        yield CODES["geometry"].finding("large", "", evidence)
     size = float(np.linalg.norm(model.gravity.linear))
     if size > tol.STRONGEST_M_PER_S2:
-        text = f"gravity is {size:.4g} m/s^2, more than on any planet: it is in another unit"
-        evidence, remedy = {"gravity [m/s^2]": size}, "option: --gravity 0,0,-9.81"
-        yield CODES["gravity"].finding(text, "", "wrong", evidence, remedy, "certain")
+        yield CODES["gravity"].finding("strong", "", {"gravity [m/s^2]": size})
 
 
 OF_LOGS: Sequence[Check[channels.Logged, Finding]] = (
@@ -950,11 +933,10 @@ def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Findin
     kept = {*experiment.robot.joint_names} - {x.joint for x in known if x.code in hidden}
     findings, without = mistakes(with_torques_of(experiment, kept).in_motion)
     is_named = any(finding.severity != "note" for finding in findings)
-    beyond = [] if is_named else observed([_BEYOND_LIMITS], experiment)
+    beyond = [] if is_named else observed(channels.OF_LIMITS, experiment)
     return [*findings, *beyond, *observed(OF_REST, without)]
 
 
-_BEYOND_LIMITS = Check(CODES["unit"], (), channels.limit_findings)
 OF_REST = (
     Check(CODES["loose-encoder"], (), gears.unlike_motions),
     Check(CODES["gear-compliance"], (), gears.small_springs),
@@ -972,7 +954,7 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
         return []
     stopped = {finding.joint for finding in known if finding.code == "contact"}
     findings, without = mistakes(experiment, OF_COMMANDS)
-    findings += observed([_BEYOND_LIMITS], without)
+    findings += observed(channels.OF_LIMITS, without)
     return [finding for finding in findings if finding.joint not in stopped]
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Code, Sources, consequences, only_joint
+from seaid.checks.engine import Check
 from seaid.drives import DEAD_ZONES, PARAMETERS, Drive, ParameterName, readable, unit_of
 from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic
 from seaid.errors import Finding, Severity, listed
@@ -70,13 +71,9 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
     if pull > tol.HARDLY and not np.all(zero_fits):
         names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
-        message = f"the torque of {listed(names)} is smaller than what the model leaves "
-        message += "unexplained: without a known torque zero parameters fit best, and noise in the "
-        message += f"accelerations pulls all parameters towards zero, by about {pull:.0%}"
-        remedy = f"cutoff_hz={cutoff_hz / 2:.2g} against the noise, or leave it out of "
+        evidence = {"reduction": pull, "cutoff_hz": cutoff_hz, "names": listed(names)}
         severity: Severity = "wrong" if pull > tol.RARE else "doubtful"
-        of_joint = message, names[0], severity, {"reduction": pull}, f"{remedy}torque_joints="
-        yield CODES["homogeneous"].finding(*of_joint)
+        yield CODES["homogeneous"].finding("pull", names[0], evidence, severity=severity)
 
 
 # The noise of a fit
@@ -87,48 +84,34 @@ def noise_findings(estimate: Estimate) -> Iterator[Finding]:
     shown = estimate.diagnostics
     count, p, scatter = shown.independent_rows, shown.parameters, shown.scatter
     if count < tol.FEWEST_INDEPENDENT * p:
-        yield CODES["few-rows"].finding(
-            f"{p} parameters were estimated from {count:.0f} independent rows, by which their "
-            "intervals are unreliable",
-            evidence={"independent rows": count, "parameters": float(p)},
-        )
+        evidence = {"independent rows": count, "parameters": float(p)}
+        yield CODES["few-rows"].finding("fit", "", evidence)
     if scatter >= tol.TWICE:
-        yield CODES["blocks-disagree"].finding(
-            f"{shown.blocks} parts of the data disagree: their estimates scatter up "
-            f"to {scatter**0.5:.1f} times as much as their residuals explain; the standard errors "
-            "were enlarged so much",
-            evidence={"chi-square per degree of freedom": scatter},
-        )
+        evidence = {"chi-square per degree of freedom": scatter, "blocks": float(shown.blocks)}
+        yield CODES["blocks-disagree"].finding("scatter", "", {**evidence, "scatter": scatter**0.5})
     yield from _drifts(shown)
     for name, share in shown.instruments.items():
         if share < tol.POOR:
             yield CODES["weak-instruments"].finding(
-                f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be "
-                "as biased as that of least squares",
-                evidence={"partial R^2": share},
+                "weak", "", {"partial R^2": share, "name": name}
             )
 
 
 def _drifts(shown: Diagnostics) -> Iterator[Finding]:
     # Drifts with a smaller ratio are not reported; the standard errors contain them too.
     for drift in (drift for drift in shown.drifts if drift.ratio > tol.FAR):
-        time_s = 1 / (2 * math.pi * drift.corner_hz)
         evidence = {"share of the torque": drift.share, "corner_hz": drift.corner_hz}
-        yield CODES["drift"].finding(
-            f"the torque of {drift.joint or 'the joint'} has slow errors of {drift.share:.1%} of "
-            "its rms, as of a sensor that drifts, or of a zero or a term that the model lacks: "
-            f"below {drift.corner_hz:.2g} Hz they are larger than the noise; the standard errors "
-            f"were enlarged by them, up to {math.sqrt(shown.growth):.2g} times",
-            drift.joint,
-            "doubtful" if shown.growth > tol.TWICE and drift.share >= tol.FEW else "note",
-            evidence | {"time constant [s]": time_s, "likelihood ratio": drift.ratio},
-        )
+        evidence["time constant [s]"] = 1 / (2 * math.pi * drift.corner_hz)
+        evidence |= {"likelihood ratio": drift.ratio, "enlarged by": math.sqrt(shown.growth)}
+        is_large = shown.growth > tol.TWICE and drift.share >= tol.FEW
+        words = {"of": drift.joint or "the joint"}
+        severity: Severity = "doubtful" if is_large else "note"
+        yield CODES["drift"].finding("slow", drift.joint, {**evidence, **words}, severity=severity)
 
 
 def instruments_of_stiff_drives() -> Finding:
     """Return the note on instruments of stiff drives."""
-    text = "instrumental variables have little effect: those of stiff drives come from the encoder "
-    return CODES["weak-instruments"].note(f"{text}of the motion, below a smaller cutoff")
+    return CODES["weak-instruments"].note("stiff")
 
 
 def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> Iterator[Finding]:
@@ -143,15 +126,14 @@ def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> 
         if term.bic <= 0:
             name = readable(ParameterName(term.terms[0], joint) if joint else term.terms[0])
             # A torque offset is in no drives file: identify adds it.
-            text = "seaid adds it" if "torque_offset" in term.terms[0] else "remove the term"
-            text = f"{name}: not supported by the data (BIC {term.bic:.3g}); {text}"
-            yield CODES["needless-term"].note(text)
+            what = "seaid adds it" if "torque_offset" in term.terms[0] else "remove the term"
+            yield CODES["needless-term"].note(
+                "bic", "", {"BIC": term.bic, "name": name, "what": what}
+            )
     for name, white in checks.whiteness.items():
         if white.first > 1 - tol.POOR:
-            yield CODES["residual"].note(
-                f"the residual of {name} ({side}) is autocorrelated ({white.first:.3g} at lag 1): "
-                "the model lacks a term there, or a sensor has an offset"
-            )
+            evidence = {"autocorrelation": white.first, "name": name, "side": side}
+            yield CODES["residual"].note("autocorrelated", "", evidence)
 
 
 # The values of a drive
@@ -242,10 +224,9 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
         if is_weak and (K := _scattering_constant(estimate)):
             text = f"{readable(ParameterName(K, joint))}, and with it friction and rotor inertia,"
         if reasons:
-            code = CODES["weak-spring"] if is_weak else CODES["poorly-identified"]
-            message = f"{text} is poorly identified: {'; '.join(reasons)}"
-            severity: Severity = "doubtful" if is_weak else "note"
-            yield code.finding(message, joint, severity, evidence, code.advice * is_weak)
+            code, case = ("weak-spring", "noise") if is_weak else ("poorly-identified", "error")
+            words = {"name": text, "reasons": "; ".join(reasons)}
+            yield CODES[code].finding(case, joint, {**evidence, **words})
 
 
 def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
@@ -254,23 +235,19 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
         value, error = evidence.values()
         if name not in POSITIVE or not value < 0:
             continue
-        is_sure = value < -tol.SURE * error
+        is_sure, words = value < -tol.SURE * error, {"name": text}
         severity: Severity = "doubtful" if is_sure else "note"
-        code = CODES["negative-parameter"]
-        message, remedy = f"{text} is negative, {value:.3g}: ", ""
         if PARAMETERS[name].starts:  # of a search: not due to a wrong sign in the log
-            code, severity = CODES["needless-term"], "note"
-            message = f"{text} is not distinguishable from zero: remove its term"
+            yield CODES["needless-term"].finding("zero", joint, {**evidence, **words})
         elif name == "coulomb_friction" and "stiffness" in estimate.names:
-            code, play = CODES["loose-encoder"], abs(value / estimate.value("stiffness"))
-            message += "the joint encoder, or the spring, has play or hysteresis, at least "
-            message += f"{play:.2g} (torque of the motor over stiffness)"
+            evidence["play"] = abs(value / estimate.value("stiffness"))
+            of_joint = "play", joint, {**evidence, **words}
+            yield CODES["loose-encoder"].finding(*of_joint, severity=severity)
         else:
-            message += "check signs and offsets of the log"
+            severity = "wrong" if is_sure and name in _OF_TORQUE else severity
             remedy = _if_negative(name, estimate.names, is_sure)
-            if is_sure and name in _OF_TORQUE:
-                severity = "wrong"
-        yield code.finding(message, joint, severity, evidence, remedy)
+            of_value = "negative", joint, {**evidence, **words}, remedy, severity
+            yield CODES["negative-parameter"].finding(*of_value)
 
 
 _WITH_ROTORS = "let the bodies of the robot file be identified: they may contain the rotors"
@@ -320,18 +297,13 @@ def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator
     # without a dead zone, or next to a preload, a zero may be unidentifiable from any motion
     has_zone = {*DEAD_ZONES} & {*drive.spring} and "preload" not in drive.spring
     for name in names:
-        fixed = f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}"
-        what = f"{readable(ParameterName(name, joint))} is not identifiable from this motion"
-        if name not in _ONE_SIDED or not has_zone:
-            message = f"{what}: {fixed}; remove its term, or excite it"
-            yield CODES["unidentifiable"].note(message, joint, certainty="likely")
-            continue
-        (second,) = {*_ONE_SIDED} - {name}
-        text = f"{what}: the spring is loaded in one direction only and shows one end of its dead "
-        text += f"zone, so that this value, {fixed}, is arbitrary, and that of "
-        text += f"{second.replace('_', ' ')} is wrong by as much"
-        evidence = {name: drive.values[name]}
-        yield CODES["unidentifiable"].finding(text, joint, evidence=evidence, certainty="certain")
+        value, evidence = drive.values[name], dict[str, float]()
+        words = {"name": readable(ParameterName(name, joint))}
+        words["fixed"], case = f"fixed at {value:.3g} {unit_of(drive, name)}", "fixed"
+        if name in _ONE_SIDED and has_zone:
+            (second,) = {*_ONE_SIDED} - {name}
+            words["second"], evidence, case = second.replace("_", " "), {name: value}, "one-sided"
+        yield CODES["unidentifiable"].finding(case, joint, {**evidence, **words})
 
 
 def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
@@ -341,15 +313,12 @@ def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
             continue
         spread = float(np.ptp(shared.values) / np.max(np.abs(shared.values)))
         values = dict(zip(shared.joints, shared.values, strict=True))
-        alone = listed(f"{value:.3g} at {joint}" for joint, value in values.items())
-        quantity = shared.name.quantity.replace("_", " ")
-        yield CODES["drives-differ"].finding(
-            f"the drives of '{shared.name.owner}' share the {quantity} and differ in it by "
-            f"{spread:.0%}: alone it is {alone}",
-            severity="doubtful" if spread > tol.POOR else "note",
-            evidence=values,
-            joints=shared.joints,
-        )
+        words = {"owner": shared.name.owner, "quantity": shared.name.quantity.replace("_", " ")}
+        words["alone"] = listed(f"{value:.3g} at {joint}" for joint, value in values.items())
+        severity: Severity = "doubtful" if spread > tol.POOR else "note"
+        evidence = {**values, "spread": spread, **words}
+        of_group = "shared", "", evidence, None, severity
+        yield CODES["drives-differ"].finding(*of_group, joints=shared.joints)
 
 
 def sure_offsets(drives: Mapping[str, Estimate]) -> dict[str, Estimate]:
@@ -376,13 +345,10 @@ def offset_findings(drives: Mapping[str, Estimate], experiment: Experiment) -> I
         torques = lever * (k * lever * experiment.apart[:, j] + force) / experiment.lever[j]
         torque = float(np.sqrt(np.mean(torques**2)))
         if not abs(value) < tol.FEW * torque:
-            yield CODES["torque-offset"].finding(
-                f"the motor torque of {joint} has a constant error of {value:.2g} N m, "
-                f"{abs(value) / torque:.0%} of that on its spring, which the estimates allow for",
-                joint,
-                "doubtful" if abs(value) > tol.RARE * torque else "note",
-                {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
-            )
+            evidence = {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque}
+            evidence["part"] = abs(value) / torque
+            severity: Severity = "doubtful" if evidence["part"] > tol.RARE else "note"
+            yield CODES["torque-offset"].finding("constant", joint, evidence, severity=severity)
 
 
 # What was given as known
@@ -390,22 +356,14 @@ def offset_findings(drives: Mapping[str, Estimate], experiment: Experiment) -> I
 
 def shared_scale(std: float) -> Finding:
     """Return the note that one scale error of all torques is in all standard errors."""
-    return CODES["torque-scale"].note(
-        f"all torques share a scale error of {std:.2g} (known_std): it is in every standard error "
-        "and changes all parameters together, so that their ratios are better known",
-        evidence={"relative std": std},
-    )
+    return CODES["torque-scale"].note("shared", "", {"relative std": std})
 
 
 def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the note on joints whose motor constants rest on known bodies, which are exact."""
     if joints:
-        yield CODES["torque-scale"].note(
-            f"the motor constants of {listed(joints)} rest on the known bodies, which count as "
-            "exact: were these 10 % heavier, all constants, frictions, rotor inertias and "
-            "stiffnesses would be 10 % larger",
-            only_joint(joints),
-            remedy="weigh a link; or state how well bodies are known: --known-std bodies=0.05",
+        yield CODES["torque-scale"].finding(
+            "bodies", only_joint(joints), {"joints": listed(joints)}
         )
 
 
@@ -423,19 +381,15 @@ def contradictions(robot: Robot, program: Program, least: float) -> Iterator[Fin
     # chi-square has the mean n and the variance 2 n
     if least <= count + tol.CONTRADICTED * math.sqrt(2.0 * count):
         return
-    text = "no physically consistent robot comes near the estimate: chi-square is at least "
-    text += f"{least:.3g} over {count} values"
     without = {nearest(x).chi_square: words for words, x in _payloads_removed(robot, program)}
-    if (smallest := min(without, default=least)) < (1 - tol.NOTHING) * least:
-        text += f", and {smallest:.3g} without {without[smallest]}"
-        yield CODES["inconsistent-inertia"].finding(text)
-        return
-    known = f"known bodies ({', '.join(robot.known_bodies)}), " if robot.known_bodies else ""
-    yield CODES["inconsistent-inertia"].finding(
-        f"{text}; check {known}missing payloads, encoder offsets, and lengths and axes in the "
-        "robot file",
-        certainty="possible",
-    )
+    smallest, evidence = min(without, default=least), {"chi-square": least, "values": float(count)}
+    case, words = "far", {"known": ""}
+    if smallest < (1 - tol.NOTHING) * least:
+        case, words = "payload", {"without": without[smallest]}
+        evidence["chi-square without"] = smallest
+    elif robot.known_bodies:
+        words["known"] = f"known bodies ({', '.join(robot.known_bodies)}), "
+    yield CODES["inconsistent-inertia"].finding(case, "", {**evidence, **words})
 
 
 def inconsistent_bodies(robot: Robot, is_nearest: bool) -> Iterator[Finding]:
@@ -446,10 +400,9 @@ def inconsistent_bodies(robot: Robot, is_nearest: bool) -> Iterator[Finding]:
     bodies = zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
     wrong = [x for x, y in bodies if not (np.all(np.isfinite(y)) and is_physical(y, THIN))]
     if wrong:
-        yield CODES["inconsistent-inertia"].note(
-            f"the inertial parameters of {listed(wrong)} are physically inconsistent",
-            remedy="" if is_nearest else CODES["inconsistent-inertia"].advice,
-        )
+        code = CODES["inconsistent-inertia"]
+        remedy = "" if is_nearest else code.advice
+        yield code.note("links", evidence={"links": listed(wrong)}, remedy=remedy)
 
 
 def _payloads_removed(robot: Robot, program: Program) -> Iterator[tuple[str, Program]]:
@@ -472,11 +425,7 @@ def _payloads_removed(robot: Robot, program: Program) -> Iterator[tuple[str, Pro
 
 def rigid_gear(joint: str, least: float) -> Finding:
     """Return the note on a gear whose stiffness [N m/rad] is above the `least` one."""
-    return CODES["gear-compliance"].note(
-        f"the gear of {joint} is rigid within the errors: its stiffness is above {least:.3g} "
-        "N m/rad",
-        joint,
-    )
+    return CODES["gear-compliance"].note("rigid", joint, {"least stiffness": least})
 
 
 def gear_findings(
@@ -495,12 +444,8 @@ def gear_findings(
         if not all(_is_by_deflection(source.get(joint, {})) for source in sources)
     ]
     if joints:
-        yield CODES["gear-compliance"].note(
-            f"the stiffness of {listed(joints)} is that between the encoders, of spring and gear "
-            "in series; give gear_stiffness_Nm_per_rad in the drives, or log the deflection too, "
-            "for that of the spring alone",
-            only_joint(joints),
-        )
+        names = {"joints": listed(joints)}
+        yield CODES["gear-compliance"].note("in-series", only_joint(joints), names)
 
 
 def _is_by_deflection(channels: Collection[str]) -> bool:
@@ -524,9 +469,8 @@ def unused_findings(
             stiff = {*robot.joint_names}.difference(robot.elastic_joints)
             unused = [x for x in unused if x in stiff.intersection(logged[inputs[x]])]
         if unused:
-            name = channel.replace("_", " ")
-            message = f"the {name} of {listed(unused)} is in the log and in no equation"
-            yield CODES["unused-channel"].note(message, only_joint(unused))
+            words = {"channel": channel.replace("_", " "), "joints": listed(unused)}
+            yield CODES["unused-channel"].note("unused", only_joint(unused), words)
 
 
 def _without_motor_equation(robot: Robot, drives: Mapping[str, Estimate]) -> Iterator[Finding]:
@@ -534,11 +478,8 @@ def _without_motor_equation(robot: Robot, drives: Mapping[str, Estimate]) -> Ite
         names = motor_regressor(robot, joint).names
         missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
         if missing:
-            yield CODES["unidentifiable"].note(
-                f"the log has the joint torque of {joint} and not its motor "
-                f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
-                joint,
-            )
+            words = {"input": robot.drives[joint].motor_input, "missing": listed(missing)}
+            yield CODES["unidentifiable"].note("motor", joint, words)
 
 
 def _logged_torques(robot: Robot, motions: Sequence[Motion]) -> dict[str, list[str]]:
@@ -565,17 +506,23 @@ def calibration_findings(
     term, and `is_curved` whether it is significant.
     """
     if misfit > tol.SLIGHT:
-        yield CODES["no-fit"].finding(
-            f"the law explains the loads to {misfit:.1%} of their standard deviation only",
-            severity="wrong" if misfit > tol.MOST else "doubtful",
-            remedy="check the order of the rows and their units, and that the joint was at rest",
-        )
+        severity: Severity = "wrong" if misfit > tol.MOST else "doubtful"
+        yield CODES["no-fit"].finding("law", "", {"misfit": misfit}, severity=severity)
     if law == "linear" and is_curved:
-        text = f"the law is not a straight line: a cubic term has a p-value of {p_value:.2g}"
-        yield CODES["nonlinear-spring"].finding(text, remedy='law="cubic"')
+        yield CODES["nonlinear-spring"].finding("loads", "", {"p-value": p_value})
     if law == "cubic" and not is_curved:
-        text = f"the cubic term is not significant: its p-value is {p_value:.2g}"
-        yield CODES["needless-term"].finding(text, severity="note", remedy='law="linear"')
+        yield CODES["needless-term"].finding("cubic", "", {"p-value": p_value})
     if slope < 0:
-        text = "a larger load has a smaller reading: the sign of one of them is opposite"
-        yield CODES["sign"].finding(text, remedy="change the sign of the readings")
+        yield CODES["sign"].finding("readings")
+
+
+OF_NOISE = (Check(CODES["drift"], (), noise_findings),)
+"""What is looked for in the estimate of a fit."""
+
+OF_DRIVES = (Check(CODES["poorly-identified"], (), drive_findings),)
+OF_FIXED = (Check(CODES["unidentifiable"], (), fixed_findings),)
+OF_OFFSETS = (Check(CODES["torque-offset"], (), offset_findings),)
+OF_GROUPS = (Check(CODES["drives-differ"], (), shared_findings),)
+OF_GEARS = (Check(CODES["gear-compliance"], (), gear_findings),)
+OF_CHANNELS = (Check(CODES["unused-channel"], (), unused_findings),)
+"""What is looked for in the values of drives and of groups of them, and in what no equation has."""

@@ -20,7 +20,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, as_note, excluding_torque
 from seaid.checks.engine import Check, guarded, observed
 from seaid.checks.experiment import Experiment
-from seaid.errors import Certainty, Finding, IdentificationError, Severity, listed
+from seaid.errors import Finding, IdentificationError, Severity, listed
 from seaid.estimation import Estimate, FittedRows, qr_factor
 from seaid.estimation.covariance import row_step
 from seaid.regressor import BaseParameters, Regression
@@ -150,13 +150,10 @@ def not_validated(is_unseen: bool, reasons: Iterable[str], own: Iterable[str]) -
     `reasons` are why some of these were not used, `own` the names of those that it was fitted to.
     """
     code = CODES["not-validated"]
-    used = (f"the {name} is of a motion that was used for identification" for name in own)
-    yield from map(code.finding, (*reasons, *used))
+    yield from map(code.finding, reasons)
+    yield from (code.finding("own-log", "", {"name": name}) for name in own)
     if not is_unseen:
-        yield code.note(
-            "not validated on an unseen motion: how well the model fits its own motion says little "
-            "about how well it predicts another"
-        )
+        yield code.note("unseen")
 
 
 def _of_severity(severity: Severity, findings: Iterable[Finding]) -> list[Finding]:
@@ -483,38 +480,29 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
         if error > tol.NOTHING or (min(error, fit.own) > tol.MOST and joint not in whole.weak):
             yield _misfit(whole, joint, error)
         elif fit.nominal < tol.MOST**0.5 * fit.identified and fit.identified > tol.POOR:
-            text = f"the bodies of the robot file predict the torque of {joint} better, with an "
-            text += f"error of {fit.nominal:.1%}, than the identified, with {fit.identified:.1%}"
             evidence = {"identified bodies": fit.identified, "nominal bodies": fit.nominal}
-            remedy = "record a longer motion that moves this joint and those behind it more"
-            yield CODES["no-fit"].finding(text, joint, evidence=evidence, remedy=remedy)
+            yield CODES["no-fit"].finding("better-by-file", joint, evidence)
 
 
 def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     """Return the finding on a joint of which the model lacks all or much, by its `error`."""
-    fit, excluded = whole.joints[joint], (joint, *BASE_ROWS)
+    fit, excluded, base = whole.joints[joint], (joint, *BASE_ROWS), ""
     kept = [x for x, each in whole.joints.items() if x not in excluded and each.own < tol.NOTHING]
-    of, force, base = f"the torque on the load of {joint}", "torque", ""
+    words = {"of": f"the torque on the load of {joint}", "force": "torque"}
     if joint in BASE_ROWS:
-        of, force, base = f"the {joint}", "force", _OF_BASE
-    holds = f"; its motor equation holds, with an error of {fit.motor:.1%}" * (fit.motor < tol.MOST)
-    severity: Severity = "doubtful"
-    message = f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs and "
-    message += f"{error:.0%} in excluded blocks, a constant 100%{holds}"
-    remedy = base or CODES["no-fit"].advice
+        words, base = {"of": f"the {joint}", "force": "force"}, _OF_BASE
+    words |= {"own": _percent(fit.own), "blocks": _percent(error)}
+    words["holds"] = ""
+    if fit.motor < tol.MOST:
+        words["holds"] = f"; its motor equation holds, with an error of {fit.motor:.1%}"
+    evidence = {"error": fit.own, "error of excluded blocks": fit.blocks, "error of blocks": error}
+    case, remedy = "much", base or None
     if fit.own <= tol.MOST:
-        message = f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of the "
-        message += f"{force}, and predicts excluded blocks of them with {error:.0%}: the motion of "
-        message += "a part of the log does not determine its parameters"
+        case = "own-logs"
         remedy = "record a longer motion" + ("" if base else ", or remove terms of this drive")
     elif error > tol.NOTHING:
-        severity, remedy = "wrong", base or _OF_JOINT + excluding_torque(kept)
-        message = f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in "
-        message += f"the own logs and {_percent(error)} in excluded blocks, that of a constant "
-        message += f"100%{holds}"
-    evidence = {"error": fit.own, "error of excluded blocks": fit.blocks}
-    certainty: Certainty = "certain" if severity == "wrong" else "likely"
-    return CODES["no-fit"].finding(message, joint, severity, evidence, remedy, certainty)
+        case, remedy = "nothing", base or _OF_JOINT + excluding_torque(kept)
+    return CODES["no-fit"].finding(case, joint, {**evidence, **words}, remedy)
 
 
 def _contacts(whole: RobotFit) -> Iterator[Finding]:
@@ -527,15 +515,10 @@ def _contacts(whole: RobotFit) -> Iterator[Finding]:
         log = f"log {whole.logs[contact.run]}" if several else "the log"
         start, end, joints = contact.start_s, contact.end_s, contact.joints
         softly = f"{max(start - contact.softly_s, 0):.3f}, {end + contact.softly_s:.3f}"
-        finding = CODES["contact"].finding(
-            f"between {start:.2f} and {end:.2f} s{f' of {log}' * several} the torques of "
-            f"{', '.join(joints)} are far from the model, more than {tol.BURST:g} times as far as "
-            "at other times: contact, or a hand",
-            joints[0],
-            evidence={"start [s]": start, "end [s]": end},
-            remedy=f"in the description of {log}:\nexclude_s = [[{softly}]]",
-            joints=joints,
-        )
+        words = {"of_log": f" of {log}" * several, "times": f"{tol.BURST:g}"}
+        evidence = {"start [s]": start, "end [s]": end, "joints": ", ".join(joints), **words}
+        remedy = f"in the description of {log}:\nexclude_s = [[{softly}]]"
+        finding = CODES["contact"].finding("far", joints[0], evidence, remedy, joints=joints)
         yield as_note(finding) if {*joints} <= {*whole.lacking} else finding
 
 
@@ -547,13 +530,10 @@ def _few_rows(whole: RobotFit) -> Iterator[Finding]:
     fewest = tol.FEWEST_BY_BLOCKS if whole.predicted else tol.FEWEST_INDEPENDENT
     is_unclear = error > tol.POOR and count < tol.TWICE * fewest
     if has_fit and (count < fewest or is_unclear) and not whole.contacts:
+        evidence = {"independent rows per parameter": count, "error in other motions": error}
         unseen = f", and the torques of other motions have standard errors of {error:.0%} of them"
-        yield CODES["few-rows"].finding(
-            "blocks of the logs contradict each other as if there were only "
-            f"{count:.2g} independent rows per parameter{unseen * is_unclear}: the logs are too "
-            "short for so many parameters",
-            evidence={"independent rows per parameter": count, "error in other motions": error},
-        )
+        words = {"unseen": unseen * is_unclear}
+        yield CODES["few-rows"].finding("blocks", "", {**evidence, **words})
 
 
 OF_FIT = (

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import permutations, product, starmap
 from typing import Any
 
@@ -207,12 +207,12 @@ def _moving(feet: FeetInMotion, k: int, link: str) -> Iterator[Finding]:
                 f"{link} is flagged as standing and {how}, with {rms:.2g} m/s during {share:.1%} "
                 f"of its stance, first at t = {feet.motion.time[np.argmax(moving)]:.3f} s",
                 link,
-                "doubtful" if is_doubtful else "note",
                 {"speed [m/s]": rms, "share of the stance": share},
                 "check the threshold and the delay of its flag, or exclude these times (exclude_s "
                 "of the description of the log)"
                 if is_doubtful
                 else "",
+                "doubtful" if is_doubtful else "note",
             )
             return
 
@@ -249,9 +249,9 @@ def _resting(feet: FeetInMotion, up: Array) -> Iterator[Finding]:
             f"{longest_s:.2g} s, {share:.0%} of that time in all: forces on it would go into the "
             "bodies",
             link,
-            "wrong" if share > RARE else "doubtful",
             {"longest rest [s]": longest_s, "share": share},
             "check the sign, the threshold and the delay of its flag",
+            "wrong" if share > RARE else "doubtful",
         )
 
 
@@ -291,6 +291,10 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
         )
 
 
+LIFT_CHECKS = (Check(UNIDENTIFIABLE, (), unused_lifts),)
+"""What is looked for in the lifts of feet."""
+
+
 def feet_findings(
     robot: FloatingRobot, logs: Sequence[Log], motions: Sequence[Motion]
 ) -> list[Finding]:
@@ -298,8 +302,7 @@ def feet_findings(
     findings = []
     for motion in motions:
         findings += observed(MOTION_CHECKS, FeetInMotion(robot, motion, logs))
-    lifts = Check(UNIDENTIFIABLE, (), partial(unused_lifts, robot.floating_base))
-    return findings + observed((lifts,), motions)
+    return findings + observed(LIFT_CHECKS, robot.floating_base, motions)
 
 
 # How the channels and flags have to be read

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 import seaid
 from seaid import checks
-from seaid.checks import CODES, engine, model, setup, verdict
+from seaid.checks import CODES, channels, columns, engine, model, setup, values, verdict
 from seaid.checks.codes import consequences, in_drives, merged, that_matter
 from seaid.checks.engine import Check, observed
 from seaid.checks.experiment import Experiment
@@ -181,19 +182,19 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "fit": (verdict, "OF_FIT", broken_checks(verdict.OF_FIT)),
     "rest": (setup, "OF_REST", broken_checks(setup.OF_REST)),
     "motion": (setup, "OF_MOTION", broken_checks(setup.OF_MOTION)),
-    "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, proposed=fail)),
+    "limits": (channels, "OF_LIMITS", broken_checks(channels.OF_LIMITS)),
     "ratings": (setup, "_are_scales", fail),
-    "strengths": (checking, "_STRENGTHS", replace(checking._STRENGTHS, proposed=fail)),
-    "stops": (checking, "_STOPS", replace(checking._STOPS, proposed=fail)),
+    "strengths": (checking, "OF_STRENGTHS", broken_checks(channels.OF_STRENGTHS)),
+    "stops": (checking, "OF_STOPS", broken_checks(channels.OF_STOPS)),
     "contacts": (RobotFit, "contacts", property(fail)),
     "blocks": (verdict, "_blocks", fail),
     "predictions": (verdict, "_prediction_errors", fail),
     "joints": (Experiment, "in_motion", property(fail)),
-    "values": (conclusion, "drive_findings", fail),
-    "channels": (conclusion, "unused_findings", fail),
+    "values": (conclusion, "OF_DRIVES", broken_checks(values.OF_DRIVES)),
+    "channels": (conclusion, "OF_CHANNELS", broken_checks(values.OF_CHANNELS)),
     "sensitivity": (conclusion, "sensitivity_findings", fail),
     "echoes": (conclusion, "without_echoes", fail),
-    "scales": (conclusion, "unknown_scales", fail),
+    "scales": (conclusion, "OF_SCALES", broken_checks(columns.OF_SCALES)),
 }
 """{part of the checks: the module or class, its name, and what fails in its place}."""
 
@@ -245,3 +246,13 @@ def test_texts_of_codes_are_those_of_codes() -> None:
         assert code.advice.endswith(".")
         assert not code.measurement.endswith(".")
         assert not code.implies.endswith(".")
+
+
+def test_each_case_of_a_code_is_used_and_its_templates_can_be_filled() -> None:
+    sources = "".join(x.read_text("utf-8") for x in Path(checks.__file__).parent.glob("*.py"))
+    cases = [(name, case) for code in CODES.values() for name, case in code.cases.items()]
+    assert len(cases) > 100
+    for name, case in cases:
+        assert f'"{name}"' in sources, name
+        filled = case.filled(defaultdict(lambda: 1.0))
+        assert not {*"{}|"} & {*filled.message}, name

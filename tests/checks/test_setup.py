@@ -207,7 +207,7 @@ def test_an_only_encoder_of_a_slide_in_another_unit_has_its_scale(
     log = replace(log, motor_position=np.full_like(positions, np.nan))
     columns: dict[str, Any] = {f"{side}_position": positions}
     given = experiment(robot, replace(log, **columns))
-    units = [x for x in transforms(given, MISTAKES, []) if x.code is CODES["unit"]]
+    units = [x for x in transforms(given, MISTAKES, []) if x.finding.code == "unit"]
     scales = {float(x.changed.nominal[0]): x.sources["lift"] for x in units if x.channels == "qm"}
     assert min(scales) < 1e-3 < 0.5 < given.nominal[0]
     (source,) = scales[min(scales)].values()
@@ -521,7 +521,8 @@ def test_no_more_trials_are_in_memory_than_are_compared() -> None:
 
     def factors(before: Experiment) -> Iterator[Transform]:
         for factor in np.geomspace(0.5, 2.0, 4 * SHORTLIST).tolist():
-            transform = multiplied(CODES["unit"], before, {0: factor}, "t", f"times {factor}")
+            of_joint = CODES["unit"], "read-as", before, {0: factor}, "t"
+            transform = multiplied(*of_joint, {"unit": f"{factor} N m"})
             references.append(weakref.ref(transform.changed))
             yield transform
             assert "columns" not in vars(transform.changed)

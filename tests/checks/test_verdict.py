@@ -323,7 +323,9 @@ def test_a_good_result_names_the_drives_with_parameters_that_are_not_determined(
     def sentence(*errors: float) -> str:
         findings = [
             CODES["poorly-identified"].finding(
-                "poor", f"joint_{place}", "note", {"value": -2.0, "standard error": error}
+                "error",
+                f"joint_{place}",
+                {"value": -2.0, "standard error": error, "name": "viscous", "reasons": "noise"},
             )
             for place, error in enumerate(errors)
         ]
