@@ -1,7 +1,7 @@
 """Checks: what can be wrong with a set-up, its log or a result, and how it shows.
 
-- `codes`: what each finding stands for, with its usual cause and what to do, and which findings
-  follow from others;
+- `codes`: what each finding stands for, with its usual cause, what to do and its words (in
+  `codes.toml`), and which findings follow from others;
 - `engine`: how checks are declared and made, and which columns belong into an equation, by forward
   selection. `columns` (drives) and `gears` (with their sensors) propose them, `terms` computes
   those of drives, and `model` selects and names.
