@@ -48,10 +48,10 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
     for direction, penalty in [*axes[:-1], (-np.eye(3)[2], 0.0), *best]:
         tilt = math.acos(float(np.clip(direction @ now / size, -1, 1)))
         if tilt >= tol.SLIGHT:
-            severity: Severity = "wrong" if tilt > tol.POOR else "doubtful"
             text = ",".join(f"{x:.4g}" for x in size * direction + 0.0)
             evidence = {"tilt [deg]": math.degrees(tilt), "direction": text}
-            finding = CODES["gravity"].finding("direction", "", evidence, severity=severity)
+            is_wrong = tilt > tol.POOR
+            finding = CODES["gravity"].finding("direction", "", evidence, is_worse=is_wrong)
             yield Transform(finding, _with_gravity(experiment, size * direction), penalty)
 
 
@@ -82,10 +82,9 @@ def lengths(experiment: Experiment) -> Iterator[Transform]:
         least = tol.SURE if joint else 1.0
         for factor, error, penalty in best_factors(experiment, partial(_with_length, joint), least):
             is_far = abs(factor - 1) > max(tol.POOR, tol.SURE * error)
-            severity: Severity = "wrong" if is_far else "doubtful"
             evidence = {"factor": factor, "standard error": factor * error}
             of_joint = "factor", joint, {**evidence, "what": what, "line": line}
-            finding = CODES["geometry"].finding(*of_joint, severity=severity)
+            finding = CODES["geometry"].finding(*of_joint, is_worse=is_far)
             yield Transform(finding, _with_length(joint, experiment, math.log(factor)), penalty)
 
 
@@ -252,9 +251,10 @@ def _placed(
         is_beyond = point[0] > tol.SURE * experiment.widths[10 * body, 5 * body]
         severity: Severity = "wrong" if is_named else "doubtful" if is_beyond else "note"
         words = {"text": text, "link": link, "mass": f"{point[0]:.3g}", "com": com}
-        of_body = "placed", robot.joint_of(body), words, with_payload(link, point[0], com), severity
+        of_body = "placed", robot.joint_of(body), words, with_payload(link, point[0], com)
         loaded = experiment.with_changes(bodies=changed)
-        yield Transform(CODES["payload"].finding(*of_body), loaded, 3.0 if is_named else 4.0)
+        finding = CODES["payload"].finding(*of_body, severity=severity)
+        yield Transform(finding, loaded, penalty=3.0 if is_named else 4.0)
 
 
 _FARTHEST_M, _STARTS = 5.0, (0.3, 3.0, 30.0)

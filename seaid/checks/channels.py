@@ -19,7 +19,7 @@ from seaid.checks.codes import CODES, Channel, channels_of, in_description, in_d
 from seaid.checks.engine import Check
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
-from seaid.errors import Finding, Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
 from seaid.log.channels import UNIT_FACTORS
@@ -153,8 +153,7 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
             remedy = f"{in_description(lines, name)}\n# {by}, see the data sheet; if it "
             remedy += "is the duty cycle of a servo, use its commands"
             words = {"joints": ", ".join(lines), "log": name, "unit": unit}
-            severity: Severity = "wrong" if is_far else "doubtful"
-            of_joints = "whole", "", {"largest value": largest, **words}, remedy, severity
+            of_joints = "whole", "", {"largest value": largest, **words}, remedy, is_far
             yield CODES["unit"].finding(*of_joints, joints=tuple(lines))
 
 
@@ -190,10 +189,9 @@ def _lost_of(positions: Sequence[Array], name: str) -> Iterator[Finding]:
     lost, many = _lost(positions), tol.SLIGHT * (len(positions[0]) - 1)
     jumps = 0 if len(lost) >= tol.EVENTS else _common_jumps(positions)
     if jumps or len(lost) >= tol.EVENTS:
-        severity: Severity = "wrong" if jumps or np.sum(lost) > many else "doubtful"
         evidence = {"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)}
         of_log = "bursts" if jumps else "lost", "", {**evidence, "log": name}
-        yield CODES["holes"].finding(*of_log, severity=severity)
+        yield CODES["holes"].finding(*of_log, is_worse=bool(np.sum(lost) > many))
 
 
 def _common_jumps(positions: Sequence[Array]) -> int:
@@ -301,11 +299,10 @@ def _saturated(logged: Logged) -> Iterator[Finding]:
             if share > longest.get(key, (tol.FEW,))[0]:
                 longest[key] = share, name, float(np.max(np.abs(channel.values[stuck])))
     for (quantity, joint), (share, name, limit) in longest.items():
-        severity: Severity = "doubtful" if quantity.endswith("torque") else "note"
         case, words = "sensor" if quantity == "joint_torque" else "input", {"log": name}
         words["quantity"] = quantity.replace("_", " ")
         of_joint = case, joint, {"share at the limit": share, "limit": limit, **words}
-        yield CODES["saturation"].finding(*of_joint, severity=severity)
+        yield CODES["saturation"].finding(*of_joint, is_worse=quantity.endswith("torque"))
 
 
 def _locked(logged: Logged) -> Iterator[Finding]:

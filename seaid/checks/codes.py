@@ -63,13 +63,19 @@ def _filled(text: str, values: Mapping[str, Any]) -> str:
 class Case:
     """What is said of one case of a code: templates of its values.
 
-    An empty `remedy` is none, and without any it is the advice of the code.
+    An empty `remedy` is none, and without any it is the advice of the code. `worse` is the severity
+    of those that matter more, if the check separates them.
     """
 
     message: str
     remedy: str | None = None
     severity: Severity = "doubtful"
+    worse: Severity | None = None
     certainty: Certainty | None = None
+
+    def severity_of(self, is_worse: bool) -> Severity:
+        """Return the severity of a finding, of one that matters more if `is_worse`."""
+        return self.worse if is_worse and self.worse else self.severity
 
     def filled(self, values: Mapping[str, Any]) -> Case:
         """Return the texts with values in place of their fields."""
@@ -118,6 +124,7 @@ class Code:
         joint: str = "",
         evidence: Mapping[str, Any] = FrozenMapping({}),
         remedy: str | None = None,
+        is_worse: bool = False,
         severity: Severity | None = None,
         certainty: Certainty | None = None,
         joints: tuple[str, ...] = (),
@@ -133,7 +140,8 @@ class Code:
         numbers = {name: x for name, x in evidence.items() if not isinstance(x, str)}
         if remedy is None:
             remedy = self.advice if texts.remedy is None else texts.remedy
-        sure, severity = certainty or texts.certainty or self.certainty, severity or texts.severity
+        sure = certainty or texts.certainty or self.certainty
+        severity = severity or texts.severity_of(is_worse)
         return Finding(self.name, texts.message, joint, severity, numbers, remedy, sure, joints)
 
     wrong: ClassVar[partialmethod[Finding]] = partialmethod(finding, severity="wrong")

@@ -32,7 +32,7 @@ from seaid.checks.terms import (
 from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
 from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
 from seaid.drives.drives import DefaultTerms
-from seaid.errors import Finding, Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
 from seaid.log import Log, Motion
 from seaid.log.rows import in_band_at
@@ -325,12 +325,10 @@ def _missing_terms(side: Side, joint: str, accepted: Acceptance, share: float) -
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
     evidence = {**comparison.evidence, **values, EXPLAINED: share}
-    severity: Severity = "note"
-    if is_spring or _matters(side, joint, trials, share):
-        severity = "doubtful"
+    matters = is_spring or _matters(side, joint, trials, share)
     code, case = ("nonlinear-spring", "law") if is_spring else ("missing-term", "lacks")
     remedy = _lines_of_terms(side, joint, field, terms, values)
-    return CODES[code].finding(case, joint, {**evidence, **words}, remedy, severity)
+    return CODES[code].finding(case, joint, {**evidence, **words}, remedy, matters)
 
 
 def _lines_of_terms(
@@ -422,10 +420,8 @@ def _rotor_is_other(side: Side, joint: str, accepted: Acceptance, share: float) 
     words = {"off": off, "implied": scale.implies}
     remedy = f"{scale.measurement}: if the torque is right, remove motor_inertia_kg_m2 of the "
     remedy += "drive to have it identified"
-    severity: Severity = "note"
-    if share > MATTERS and abs(np.log(times)) > 2 * POOR:
-        severity = "doubtful"
-    of_joint = "motion", joint, {**evidence, EXPLAINED: share, **words}, remedy, severity
+    matters = share > MATTERS and bool(abs(np.log(times)) > 2 * POOR)
+    of_joint = "motion", joint, {**evidence, EXPLAINED: share, **words}, remedy, matters
     return CODES["rotor-inertia"].finding(*of_joint)
 
 

@@ -24,7 +24,7 @@ from seaid.checks.experiment import Experiment, Transform, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95, stated_delay_s
-from seaid.errors import Finding, Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
 from seaid.estimation.parameters import buses_of, is_stated
 from seaid.estimation.qr_factor import residual_of
@@ -188,8 +188,7 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     others = codes.excluding_torque([name for name in robot.joint_names if name != joint])
     words = {"range": f"{lower:.4g} to {upper:.4g} {unit}", "unit": unit, "others": others}
     evidence = {"share beyond the limits": share, "farthest beyond": farthest, **words}
-    severity: Severity = "wrong" if share > tol.MOST else "doubtful"
-    yield codes.CODES["contact"].finding("stop", joint, evidence, severity=severity)
+    yield codes.CODES["contact"].finding("stop", joint, evidence, is_worse=share > tol.MOST)
 
 
 def _limited(commanded: Commanded) -> Iterator[Finding]:
@@ -473,10 +472,9 @@ def _unusual_delay(delay: float, joints: Sequence[str], stated: str = "") -> Fin
     if delay > 0:
         when, cause = "after", "no bus is so slow: clocks differ, or the drive filters its commands"
     words = {"joints": listed(joints), "when": when, "cause": stated or cause}
-    severity: Severity = "doubtful" if delay > 0 or stated else "note"
     remedy, evidence = "correct the drives" if stated else None, {"delay [s]": delay, **words}
-    of_commands = "commands", codes.only_joint(joints), evidence, remedy, severity
-    return codes.CODES["delay"].finding(*of_commands)
+    of_commands = "commands", codes.only_joint(joints), evidence, remedy
+    return codes.CODES["delay"].finding(*of_commands, is_worse=delay > 0 or bool(stated))
 
 
 def _controllers(experiment: Experiment) -> dict[int, Controller]:

@@ -38,7 +38,7 @@ from seaid.checks.values import POSITIVE
 from seaid.drives import IDEAL_DRIVE, AngleRatio
 from seaid.drives.angle_ratio import Ratios
 from seaid.drives.terms import MOTOR_CONSTANTS
-from seaid.errors import Finding, Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation.least_squares import settled_weights
 from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
 from seaid.log import Motion, low_pass
@@ -121,8 +121,7 @@ def periodic(side: Side, joint: str, accepted: Acceptance, share: float) -> Find
         by_angle.setdefault(angle, []).append(order)
     table = ", ".join(f"{angle} = {of_angle}" for angle, of_angle in by_angle.items())
     lines = codes.in_drives({(joint,): f"{field} = {{ {table} }}"})
-    severity: Severity = "doubtful" if share >= tol.MATTERS else "note"
-    of_joint = "periodic", joint, {**evidence, "text": text}, lines, severity
+    of_joint = "periodic", joint, {**evidence, "text": text}, lines, share >= tol.MATTERS
     return codes.CODES["transmission-error"].finding(*of_joint)
 
 
@@ -638,9 +637,8 @@ def late_channels(
     }
     words["others"] = "motor positions" if late == "joint positions" else "positions"
     evidence = {"delay [s]": delay, "standard error [s]": error, "explained": share}
-    severity: Severity = "doubtful" if is_doubt else "note"
     remedy = codes.in_description(entries)
-    of_channels = "late", codes.only_joint([*channels]), {**evidence, **words}, remedy, severity
+    of_channels = "late", codes.only_joint([*channels]), {**evidence, **words}, remedy, is_doubt
     return codes.CODES["delay"].finding(*of_channels)
 
 
@@ -780,6 +778,5 @@ def zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> F
     is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * tol.POOR * is_known)
     evidence = {"offset [rad]": offset, "standard error [rad]": error, "explained": share}
     lines = codes.in_description(codes.moved_zeros(side.robot, {joint: offset}, side.sources))
-    severity: Severity = "note" if is_minor else "doubtful"
-    of_joint = "residual", joint, {**evidence, "rival": rival * is_known}, lines, severity
+    of_joint = "residual", joint, {**evidence, "rival": rival * is_known}, lines, not is_minor
     return codes.CODES["encoder-offset"].finding(*of_joint)

@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from seaid.checks.codes import CODES, in_drives, only_joint
 from seaid.checks.tolerances import FAR, FEW, MOST, NOTHING, POOR, RARE, SLIGHT, SURE, TWICE
-from seaid.errors import Finding, Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
 
 # Other motions
@@ -29,8 +29,8 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
     if error > MOST and ratio > TWICE:
         times = f", and {ratio:.2g} times that in the own logs" if math.isfinite(ratio) else ""
         evidence = {"error": error, "over that in the own logs": ratio, "of": of, "times": times}
-        severity: Severity = "wrong" if error > NOTHING else "doubtful"
-        yield CODES["unseen-motion"].finding("unpredicted", joint, evidence, severity=severity)
+        is_wrong = error > NOTHING
+        yield CODES["unseen-motion"].finding("unpredicted", joint, evidence, is_worse=is_wrong)
 
 
 def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
@@ -63,9 +63,9 @@ def other_inertias(title: str, inertias: Mapping[str, float], reason: str = "") 
         "title": title,
         "inertias": listed(f"{joint} {x:.2g}" for joint, x in inertias.items()),
     }
-    severity: Severity = "note" if reason or title == "nominal" else "doubtful"
     code, joint = CODES["rotor-inertia"], only_joint([*inertias])
-    return code.finding("replayed", joint, {**inertias, **words}, remedy, severity)
+    matters = not reason and title != "nominal"
+    return code.finding("replayed", joint, {**inertias, **words}, remedy, matters)
 
 
 def replay_worse(

@@ -72,8 +72,8 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     if pull > tol.HARDLY and not np.all(zero_fits):
         names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
         evidence = {"reduction": pull, "cutoff_hz": cutoff_hz, "names": listed(names)}
-        severity: Severity = "wrong" if pull > tol.RARE else "doubtful"
-        yield CODES["homogeneous"].finding("pull", names[0], evidence, severity=severity)
+        is_wrong = pull > tol.RARE
+        yield CODES["homogeneous"].finding("pull", names[0], evidence, is_worse=is_wrong)
 
 
 # The noise of a fit
@@ -105,8 +105,7 @@ def _drifts(shown: Diagnostics) -> Iterator[Finding]:
         evidence |= {"likelihood ratio": drift.ratio, "enlarged by": math.sqrt(shown.growth)}
         is_large = shown.growth > tol.TWICE and drift.share >= tol.FEW
         words = {"of": drift.joint or "the joint"}
-        severity: Severity = "doubtful" if is_large else "note"
-        yield CODES["drift"].finding("slow", drift.joint, {**evidence, **words}, severity=severity)
+        yield CODES["drift"].finding("slow", drift.joint, {**evidence, **words}, is_worse=is_large)
 
 
 def instruments_of_stiff_drives() -> Finding:
@@ -242,12 +241,12 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
         elif name == "coulomb_friction" and "stiffness" in estimate.names:
             evidence["play"] = abs(value / estimate.value("stiffness"))
             of_joint = "play", joint, {**evidence, **words}
-            yield CODES["loose-encoder"].finding(*of_joint, severity=severity)
+            yield CODES["loose-encoder"].finding(*of_joint, is_worse=is_sure)
         else:
             severity = "wrong" if is_sure and name in _OF_TORQUE else severity
             remedy = _if_negative(name, estimate.names, is_sure)
-            of_value = "negative", joint, {**evidence, **words}, remedy, severity
-            yield CODES["negative-parameter"].finding(*of_value)
+            of_value = "negative", joint, {**evidence, **words}, remedy
+            yield CODES["negative-parameter"].finding(*of_value, severity=severity)
 
 
 _WITH_ROTORS = "let the bodies of the robot file be identified: they may contain the rotors"
@@ -315,9 +314,8 @@ def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
         values = dict(zip(shared.joints, shared.values, strict=True))
         words = {"owner": shared.name.owner, "quantity": shared.name.quantity.replace("_", " ")}
         words["alone"] = listed(f"{value:.3g} at {joint}" for joint, value in values.items())
-        severity: Severity = "doubtful" if spread > tol.POOR else "note"
         evidence = {**values, "spread": spread, **words}
-        of_group = "shared", "", evidence, None, severity
+        of_group = "shared", "", evidence, None, spread > tol.POOR
         yield CODES["drives-differ"].finding(*of_group, joints=shared.joints)
 
 
@@ -347,8 +345,8 @@ def offset_findings(drives: Mapping[str, Estimate], experiment: Experiment) -> I
         if not abs(value) < tol.FEW * torque:
             evidence = {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque}
             evidence["part"] = abs(value) / torque
-            severity: Severity = "doubtful" if evidence["part"] > tol.RARE else "note"
-            yield CODES["torque-offset"].finding("constant", joint, evidence, severity=severity)
+            is_large = evidence["part"] > tol.RARE
+            yield CODES["torque-offset"].finding("constant", joint, evidence, is_worse=is_large)
 
 
 # What was given as known
@@ -506,8 +504,7 @@ def calibration_findings(
     term, and `is_curved` whether it is significant.
     """
     if misfit > tol.SLIGHT:
-        severity: Severity = "wrong" if misfit > tol.MOST else "doubtful"
-        yield CODES["no-fit"].finding("law", "", {"misfit": misfit}, severity=severity)
+        yield CODES["no-fit"].finding("law", "", {"misfit": misfit}, is_worse=misfit > tol.MOST)
     if law == "linear" and is_curved:
         yield CODES["nonlinear-spring"].finding("loads", "", {"p-value": p_value})
     if law == "cubic" and not is_curved:

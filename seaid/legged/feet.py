@@ -212,7 +212,7 @@ def _moving(feet: FeetInMotion, k: int, link: str) -> Iterator[Finding]:
                 "of the description of the log)"
                 if is_doubtful
                 else "",
-                "doubtful" if is_doubtful else "note",
+                severity="doubtful" if is_doubtful else "note",
             )
             return
 
@@ -251,7 +251,7 @@ def _resting(feet: FeetInMotion, up: Array) -> Iterator[Finding]:
             link,
             {"longest rest [s]": longest_s, "share": share},
             "check the sign, the threshold and the delay of its flag",
-            "wrong" if share > RARE else "doubtful",
+            severity="wrong" if share > RARE else "doubtful",
         )
 
 
