@@ -61,7 +61,7 @@ def _filled(text: str, values: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """What is said of one case of a code: templates of its values.
+    """The texts of one case of a code: templates of its values.
 
     An empty `remedy` is none, and without any it is the advice of the code. `worse` is the severity
     of those that matter more, if the check separates them.
@@ -105,7 +105,7 @@ class Code:
     certainty : {"certain", "likely", "possible"}
         That of its findings, unless a case has another one.
     cases : mapping {name: Case}
-        What its findings say.
+        The texts of its findings.
     """
 
     name: str
