@@ -28,7 +28,7 @@ MODELS = Path(__file__).resolve().parents[1] / "models"
 LOGS = MODELS / "logs"
 
 
-def _measured_robot(table: Mapping[str, Any]) -> seaid.Robot:
+def measured_robot(table: Mapping[str, Any]) -> seaid.Robot:
     """Return the robot of an entry of `scripts/real_data.toml`."""
     package, _, name = str(table["robot"]).rpartition("/")
     return seaid.load_robot(
@@ -41,7 +41,7 @@ def _measured_robot(table: Mapping[str, Any]) -> seaid.Robot:
 
 def _measured(table: Mapping[str, Any], half: bool = False) -> Records:
     """Identify the logs of an entry, or the first half of the first one."""
-    robot = _measured_robot(table)
+    robot = measured_robot(table)
     description = LOGS / table["description"]
     paths = sorted(LOGS.glob(table["logs"]))
     logs = [seaid.read_log(path, robot, description=description) for path in paths]
@@ -55,7 +55,7 @@ def _measured(table: Mapping[str, Any], half: bool = False) -> Records:
 
 def _gear_ratios(table: Mapping[str, Any]) -> Records:
     """Compare the motor angle with the angle behind the gear."""
-    robot = _measured_robot(table)
+    robot = measured_robot(table)
     (path,) = LOGS.glob(table["logs"])
     log, behind = (
         seaid.read_log(path, robot, description=LOGS / table[key])
@@ -73,7 +73,8 @@ def _gear_ratios(table: Mapping[str, Any]) -> Records:
     }
 
 
-def _measured_table() -> list[dict[str, Any]]:
+def measured_table() -> list[dict[str, Any]]:
+    """Return the entries of `scripts/real_data.toml`, and that of a module without a load."""
     content = tomllib.loads((MODELS.parent / "scripts/real_data.toml").read_text("utf-8"))
     module = {"name": "HEBI X5 unloaded", "robot": "hebi_module.urdf", "drives": "hebi_module.toml"}
     module |= {"logs": "hebi_x5_unloaded/*.csv", "description": "hebi_csv_1.toml"}
@@ -89,7 +90,7 @@ _CHEAP = ("HEBI sample", "HEBI virtual_spring")
 def measured_cases() -> list[Case]:
     """Return the cases of measured logs."""
     cases = []
-    for table in _measured_table():
+    for table in measured_table():
         name = table["name"]
         if "gains" in table:
             cases.append(Case(name, "commands", partial(_xl330_commands, table)))
@@ -105,7 +106,7 @@ def measured_cases() -> list[Case]:
 
 def _xl330_commands(table: Mapping[str, Any]) -> Records:
     """Identify the logs of several gains together."""
-    robot, gains = _measured_robot(table), table["gains"]
+    robot, gains = measured_robot(table), table["gains"]
     sets: dict[str, tuple[seaid.Robot, list[seaid.Log]]] = {}
     for path in sorted(LOGS.glob(table["logs"])):
         with np.load(path) as columns:

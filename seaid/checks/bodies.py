@@ -241,7 +241,7 @@ def _placed(
     robot, is_named = experiment.robot, mass is not None
     heaviest = tol.FAR * np.sum(np.abs(bodies[::10]))  # no robot moves so many times its own mass
     for body, link in enumerate(robot.body_names):
-        point = _point_mass(experiment, bodies, body, mass)
+        point, error = _point_mass(experiment, bodies, body, mass)
         is_load = tol.BODY * abs(bodies[10 * body]) < point[0] < heaviest
         if not is_load or not np.all(np.isfinite(point)):
             continue
@@ -250,8 +250,11 @@ def _placed(
         changed[10 * body : 10 * body + 10] += point
         is_beyond = point[0] > tol.SURE * experiment.widths[10 * body, 5 * body]
         severity: Severity = "wrong" if is_named else "doubtful" if is_beyond else "note"
-        words = {"text": text, "link": link, "mass": f"{point[0]:.3g}", "com": com}
-        of_body = "placed", robot.joint_of(body), words, with_payload(link, point[0], com)
+        spread = f" +- {error:.2g}" * (not is_named)
+        words = {"text": text, "link": link, "mass": f"{point[0]:.3g}{spread}", "com": com}
+        # one that may be an error of its body is identified as a part of it
+        lines = "weigh it" if severity == "note" else with_payload(link, point[0], com)
+        of_body = "placed", robot.joint_of(body), words, lines
         loaded = experiment.with_changes(bodies=changed)
         finding = CODES["payload"].finding(*of_body, severity=severity)
         yield Transform(finding, loaded, penalty=3.0 if is_named else 4.0)
@@ -262,11 +265,13 @@ _FARTHEST_M, _STARTS = 5.0, (0.3, 3.0, 30.0)
 from which an unknown one is searched, over that of its body."""
 
 
-def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | None) -> Array:
+def _point_mass(
+    experiment: Experiment, bodies: Array, body: int, mass: float | None
+) -> tuple[Array, float]:
     """Return the ten parameters of the point mass on a body that explains the torques best.
 
     They are [m, m c, m (c^2 1 - c c^T)] for a mass m at c, of a `mass` or of any; zero for a point
-    far from the joint.
+    far from the joint. Next to them stands the standard error of a mass that is not known.
     """
     columns = experiment.regressor[:, :, 10 * body : 10 * body + 10]
     y = experiment.target - experiment.regressor @ bodies
@@ -298,7 +303,8 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
 
     fits = (scipy.optimize.least_squares(residual, x, slopes, method="lm") for x in starts)
     x = min(fits, key=lambda fit: float(fit.cost)).x
-    return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
+    error = mass_at(x) * float(np.linalg.norm(scaled_svd(slopes(x)).inverses[-1]))
+    return (point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)), error
 
 
 def _masses(experiment: Experiment) -> tuple[Array, Array, Array, tuple[float, float]] | None:

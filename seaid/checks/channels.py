@@ -444,7 +444,9 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     torques = (experiment.regressor @ x for x in (experiment.bodies, known))
     sizes, of_known = (np.sqrt(np.mean(torque**2, axis=0)) for torque in torques)
     heaviest = max(used, key=lambda j: float(sizes[j]))
-    times = np.sqrt(np.mean(experiment.target**2, axis=0)) / sizes[heaviest]
+    # the unit of a motor with an unknown constant is none
+    rms = np.sqrt(np.mean(experiment.target**2, axis=0)) * ~experiment.is_unscaled
+    times = rms / sizes[heaviest]
     joints = tuple(robot.joint_names[j] for j in used if times[j] > tol.FAR)
     if joints and of_known[heaviest] > tol.MOST * sizes[heaviest]:
         evidence = {"torque over that of the bodies": float(np.nanmax(times[used]))}
@@ -504,7 +506,8 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
     # NaN in place of a range without an end: its comparison below is False.
     ends[:, ~np.all(np.isfinite(ends), axis=0)] = np.nan
     angles, half = experiment.joint[0] - np.mean(ends, axis=0), 0.5 * np.ptp(ends, axis=0)
-    values_of = {"position": angles, "speed": experiment.joint[1], "torque": experiment.target}
+    torque = np.where(experiment.is_unscaled, np.nan, experiment.target)
+    values_of = {"position": angles, "speed": experiment.joint[1], "torque": torque}
     limits_of = half, robot.velocity_limits, robot.effort_limits
     for (name, values), limits in zip(values_of.items(), limits_of, strict=True):
         for j, joint in enumerate(robot.joint_names):

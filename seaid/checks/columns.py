@@ -32,6 +32,7 @@ from seaid.checks.terms import (
 from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
 from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
 from seaid.drives.drives import DefaultTerms
+from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
 from seaid.log import Log, Motion
@@ -43,6 +44,9 @@ from seaid.robot import Robot
 from seaid.robot.transmission import rows_at_drives
 
 SideNeed = Need["Side", str]
+
+SCALES = {*MOTOR_CONSTANTS.values(), "gain_scale"}
+"""Parameters that turn what is logged of a motor into its torque."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +129,16 @@ class Side:
         values, errors = larger.last(larger.rows.H.shape[1])
         pairs = zip(values.tolist(), errors.tolist(), strict=True)
         return dict(zip(self.equation.rows.names, pairs, strict=False))  # the columns are the last
+
+    def keeps_scale(self, accepted: Acceptance) -> bool:
+        """Whether unknown constants of motors stay positive next to what was accepted.
+
+        What carries the bodies in place of a motor explains every torque: its constant is zero.
+        """
+        places = [k for k, x in enumerate(self.equation.rows.names) if x.quantity in SCALES]
+        larger = self.equation.with_alternatives(x.trial.alternative for x in accepted)
+        values, errors = larger.last(larger.rows.H.shape[1]) if places else (np.empty(0),) * 2
+        return bool(np.all(values[places] > SURE * errors[places]))
 
     def changed_by(self, accepted: Acceptance) -> dict[str, Array]:
         """Return the changes (p,) of the parameters in standard errors and in per cent."""

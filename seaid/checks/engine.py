@@ -511,6 +511,19 @@ class Equation:
         errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", bread, scores, bread), 0.0))
         return self.values[len(root) - count :], errors
 
+    def last_of_blocks(self, count: int) -> tuple[Array, Array]:
+        """Return `last` with the errors of blocks of time, where these differ by more.
+
+        Where a model is wrong, each part of the motion has another value: the errors are those of
+        fits without one block in turn (jackknife, Tukey 1958).
+        """
+        X = self.weighted(np.column_stack([self.rows.H, self.rows.y]))
+        blocks, (values, errors) = qr_factor.time_blocks(self.rows), self.last(count)
+        factors = [qr_factor.triangle(X[~block]) for block in blocks]
+        without = [qr_factor.scaled_svd(R[:, :-1]).solve(R[:, -1])[-count:] for R in factors]
+        of_blocks = math.sqrt(len(blocks) - 1) * np.std(without, axis=0)
+        return values, np.maximum(errors, of_blocks)
+
     def squares(self, rows: BoolArray | slice = slice(None)) -> float:
         """Return the squared residual, of some rows only."""
         return float(np.sum(self.residual[rows] ** 2))
@@ -710,7 +723,7 @@ def _accepted(
     if not kept:
         return
     ends, p = np.cumsum([x.alternative.columns.shape[1] for x in kept]), len(equation.rows.names)
-    parts = (np.split(numbers, ends[:-1]) for numbers in after.last(ends[-1]))
+    parts = (np.split(numbers, ends[:-1]) for numbers in after.last_of_blocks(ends[-1]))
     names, before = {trial.candidate.name for trial in kept}, equation
     for trial, values, errors in zip(kept, *parts, strict=True):
         larger = before.with_alternatives([trial.alternative])

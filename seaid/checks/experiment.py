@@ -3,7 +3,7 @@
 Five misfits judge a set-up: how well the nominal bodies of the robot file predict the torque of
 each joint, how well any bodies do, how well the motor equation (7) of a spring joint holds, and how
 well the encoders of both sides agree, and the torques of both sides. Friction that would drive the
-joint counts as misfit.
+joint is none.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class TorqueScale:
 
 _OF_LOADS = ("robot", "joint", "motor", "direction", "sprung")
 _OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "effort", "effort_rate", "sensed")
-_SIGNALS = (*_OF_TORQUES, "both", "counted")
+_SIGNALS = (*_OF_TORQUES, "both", "counted", "acting")
 """Fields of an experiment from which its loads, its torques, and all but bodies are derived."""
 
 _OF_INSTANTS = (*chain.from_iterable(_ARRAYS.values()), "time", "counted")
@@ -138,8 +138,9 @@ class Experiment:
     these; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,): gear ratios and
     rotor inertias; `sprung` (n,): whether a spring is parallel to the joint; `bodies` (10n,):
     standard parameters with payloads; `sources`: of each log {joint: {quantity: column or entry of
-    its description}}; `counted` (R, n): whether misfits are taken at an instant; `has_wrenches`:
-    whether contact forces were measured.
+    its description}}; `counted` (R, n): whether misfits are taken at an instant; `acting`
+    (2, n): whether friction and a rotor may act on a joint; `has_wrenches`: whether contact forces
+    were measured.
     """
 
     robot: Robot
@@ -159,6 +160,7 @@ class Experiment:
     bodies: Array
     sources: tuple[Sources, ...]
     counted: BoolArray
+    acting: BoolArray
     has_wrenches: bool = False
 
     def source(self, j: int, quantity: str, log: int = 0) -> Source:
@@ -379,7 +381,7 @@ class Experiment:
         scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
-    @derived(*_OF_TORQUES)
+    @derived(*_OF_TORQUES, "acting")
     def loads(self) -> Array:
         """Columns (n, R, k) of what acts on the load of each joint next to bodies: friction first.
 
@@ -389,11 +391,12 @@ class Experiment:
         the rotor, which comes last, where its inertia is known.
         """
         robot, friction = self.robot, self.friction.copy()
+        friction[~self.acting[0], :, :2] = 0.0
         friction[list(robot.is_prismatic), :, 2] = 0.0
         # tau_phi = C^-T tau: a spring at joint i acts on drive j with (C^-T)_ji of its torque.
         at_drives = torques_at_drives(robot.transmission, np.eye(robot.n))[self.sprung]
         springs = at_drives.T[:, None] * self.joint[0][:, self.sprung]
-        rotors = (self._has_open_rotor * self.motor[2]).T[..., None]
+        rotors = (self.acting[1] * self._has_open_rotor * self.motor[2]).T[..., None]
         return np.concatenate([friction, springs, rotors], axis=2)
 
     @derived(*_SIGNALS)
@@ -478,55 +481,91 @@ class Experiment:
 
     def of_bodies(self, bodies: Array) -> Array:
         """Return the misfit (n,) of bodies (10n,) with any friction, NaN for unknown ones."""
-        misfit, joints = np.full(self.robot.n, np.nan), self.on_bodies
-        if joints and np.all(np.isfinite(bodies)):
-            # not by `columns`, which most transforms of a set-up need for nothing else
-            misfit[joints] = self._residuals((self.regressor @ bodies).T[joints], True)[1]
-        return misfit
+        if not (self.on_bodies and np.all(np.isfinite(bodies))):
+            return np.full(self.robot.n, np.nan)
+        # not by `columns`, which most transforms of a set-up need for nothing else
+        return self._over_torques(self._left_by((self.regressor @ bodies).T))
 
     @property
     def free(self) -> Array:
         """Misfit (n,) of any bodies with any friction."""
-        return self._by_any_bodies[0]
+        return self._over_torques(self._left_by_any)
 
     @derived(*_SIGNALS)
-    def _by_any_bodies(self) -> tuple[Array, Array]:
-        """Misfit (n,) of any bodies with any friction, and rows per independent one of it."""
-        misfit, used = np.full(self.robot.n, np.nan), self.on_bodies
-        per_row = np.full_like(misfit, tol.CORRELATED_ROWS)
+    def predicted(self) -> Array:
+        """Misfit (n,) of any bodies with any friction in blocks that were excluded from their fit.
+
+        Bodies that a hand pushes, or of a short motion, fit what they do not predict.
+        """
+        residual, count = np.zeros_like(self.target.T), len(self.target)
+        # of eight segments each of four blocks has two, so that the others surround it in time
+        block = np.arange(count) * 8 // count % 4
+        for inside in np.equal.outer(range(4), block):
+            others = self.with_changes(counted=self.counted & ~inside[:, None])
+            residual[:, inside] = others._left_by_any[:, inside]
+        return self._over_torques(residual)
+
+    @derived(*_SIGNALS)
+    def _left_by_any(self) -> Array:
+        """Residuals (n, R) of used joints next to any bodies with any friction."""
+        used, torques = self.on_bodies, np.zeros_like(self.target.T)
         if not used:
-            return misfit, per_row
+            return torques
         # Each joint counts alike: its equations are over the size of its torque.
         R = self._factors[..., :-1] / self._torque_sizes[used, None, None]
         # bodies of a motor without a constant have no scale in common with those of others
         groups = [[k for k, j in enumerate(used) if not self.is_unscaled[j]]]
         groups += [[k] for k, j in enumerate(used) if self.is_unscaled[j]]
-        torques = np.empty((len(used), len(self.target)))
         for group in filter(None, groups):
             factor = qr_factor.triangle(R[group].reshape(-1, R.shape[2]))
             svd = qr_factor.scaled_svd(factor[:, :-1])
-            theta = svd.solve(factor[:, -1], qr_factor.RANK_TOLERANCE)
-            torques[group] = self.columns[np.array(used)[group]] @ theta
-        residual, misfit[used] = self._residuals(torques)
-        for j, rows in zip(used, residual, strict=True):
-            per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows[self.counted[:, j]]))
-        return misfit, per_row
+            theta, joints = (
+                svd.solve(factor[:, -1], qr_factor.RANK_TOLERANCE),
+                np.array(used)[group],
+            )
+            torques[joints] = self.columns[joints] @ theta
+        possible = self._possible(torques)
+        return self._left_by(torques) if possible is None else possible._left_by_any
 
-    def _residuals(self, torques: Array, is_of_file: bool = False) -> tuple[Array, Array]:
-        """Return the residuals (u, R) of used joints next to torques (u, R) of bodies, and misfits.
+    def _left_by(self, torques: Array) -> Array:
+        """Return residuals (n, R) next to torques (n, R) of bodies, with the friction that fits."""
+        possible = self._possible(torques)
+        if possible is not None:
+            return possible._left_by(torques)
+        y = self.target.T - torques
+        return np.asarray(y - (self.loads @ self._of_loads.inverses @ y[..., None])[..., 0])
 
-        The misfits (u,) are those with the friction that explains most. With bodies of the file a
-        negative inertia of a rotor is a misfit; other bodies may contain that of a rotor.
+    def _possible(self, torques: Array) -> Experiment | None:
+        """Return the experiment without friction that drives, or rotors of a negative inertia.
+
+        That is next to torques (n, R) of bodies; None if there are none.
         """
-        used, counted = self.on_bodies, self.counted.T[self.on_bodies]
-        y = self.target.T[used] - torques
+        used, acting = self.on_bodies, self.acting.copy()
+        y = (self.target.T - torques)[used]
         x = self._of_loads.inverses[used] @ y[..., None]
-        residual = y - (self.loads[used] @ x)[..., 0]
+        least = tol.FEW * self._torque_sizes[used]
+        rotors = x[:, -1, 0] * np.std(self.loads[used, :, -1], axis=1)
+        acting[:, used] &= [self._driving(used, x[:, :2]) <= least, rotors >= -least]
+        is_same = np.all(acting == self.acting)
+        return None if is_same else self.with_changes(acting=acting)
+
+    def _over_torques(self, residual: Array) -> Array:
+        """Return misfits (n,) by residuals (n, R), NaN of joints that no bodies explain."""
+        misfit, used = np.full(self.robot.n, np.nan), self.on_bodies
         # The mean is zero, because a constant is among the loads.
-        rms = np.sqrt(np.sum(counted * residual**2, axis=1) / np.sum(counted, axis=1))
+        squares = np.sum((self.counted.T * residual**2)[used], axis=1)
         sizes = np.maximum(self._torque_sizes[used], _LEAST)
-        rotors = is_of_file * np.minimum(x[:, -1, 0], 0.0) * np.std(self.loads[used, :, -1], axis=1)
-        return residual, np.hypot(rms, np.hypot(self._driving(used, x[:, :2]), rotors)) / sizes
+        misfit[used] = np.sqrt(squares / np.sum(self.counted, axis=0)[used]) / sizes
+        return misfit
+
+    @derived(*_SIGNALS)
+    def _rows_per_independent(self) -> Array:
+        """Rows (n,) per independent one, by the correlation of what any bodies leave."""
+        per_row = np.full(self.robot.n, tol.CORRELATED_ROWS)
+        for j in self.on_bodies:
+            rows = self._left_by_any[j, self.counted[:, j]]
+            per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows))
+        return per_row
 
     @derived(*_SIGNALS)
     def of_motors(self) -> Array:
@@ -727,7 +766,7 @@ class Experiment:
     @property
     def independent_rows(self) -> Array:
         """Independent rows (n,) of each joint, by the correlation of what any bodies leave."""
-        return len(self.target) / self._by_any_bodies[1]
+        return len(self.target) / self._rows_per_independent
 
     @derived(*_SIGNALS)
     def _noise(self) -> Array:
@@ -735,7 +774,7 @@ class Experiment:
 
         It is that of the used joints.
         """
-        misfit, per_row = self._by_any_bodies
+        misfit, per_row = self.free, self._rows_per_independent
         # R rows with a noise that is sqrt(r) times as large have the information of R / r rows.
         noise = np.maximum(misfit, tol.FEW) * np.sqrt(per_row) * self._torque_sizes
         return noise[self.on_bodies, None, None]
@@ -862,16 +901,18 @@ class Experiment:
         """Return the misfit of y (R,) by columns (R, k), the last one of a spring.
 
         With a motor torque the first two columns are those of friction. The torque sensor has no
-        friction: (4b) has two columns, a constant and the spring.
+        friction: (4b) has two columns, a constant and the spring. Friction that drives and a spring
+        of negative stiffness are none.
         """
-        rows = self.counted[:, j]
+        rows, size = self.counted[:, j], max(float(np.std(y)), _LEAST)
         x = qr_factor.scaled_svd(columns[rows]).solve(y[rows])
-        # a spring of negative stiffness explains nothing
-        wrong = float(np.std(columns[:, -1] * x[-1])) if x[-1] < 0 else 0.0
-        friction = x[:2] if len(x) > 2 else np.zeros(2)
-        drives = float(self._driving([j], friction[None, :, None])[0])
-        rms = math.hypot(float(np.std((y - columns @ x)[rows])), drives, wrong)
-        return rms / max(float(np.std(y)), _LEAST)
+        is_possible = np.full(len(x), fill_value=True)
+        is_possible[-1] = x[-1] >= 0
+        if len(x) > 2:
+            is_possible[:2] = self._driving([j], x[None, :2, None]) <= tol.FEW * size
+        if not np.all(is_possible | ~np.any(columns, axis=0)):
+            return self._of_spring_law(j, y, columns * is_possible)
+        return float(np.std((y - columns @ x)[rows])) / size
 
     def _driving(self, joints: Sequence[int], friction: Array) -> Array:
         """Return the size (u,) of friction (u, 2, 1) of joints that drives."""
@@ -1002,6 +1043,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         bodies=bodies if np.any(robot.parameters) else np.full_like(bodies, np.nan),
         sources=tuple(map(sources_of, logs)),
         counted=np.ones(signals["effort"].shape, dtype=bool),
+        acting=np.ones((2, robot.n), dtype=bool),
         has_wrenches=any(x.base and x.base.wrenches for x in chain.from_iterable(logs)),
         **signals,
     )

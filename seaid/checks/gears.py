@@ -188,6 +188,27 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
                 yield Transform(finding, _with_ratio(j, experiment, math.log(factor)), penalty)
 
 
+def missing_ratios(experiment: Experiment) -> Iterator[Finding]:
+    """Yield the gears that drives of a ratio of 1 lack: their torques are far from moving bodies.
+
+    No masses of a robot file explain so large a ratio of torques, and no unit or clock one that
+    differs from joint to joint.
+    """
+    names, scales = experiment.robot.joint_names, experiment.clear_scales
+    factors = [x.factor for x in scales.values()]
+    if not max(factors, default=0.0) > tol.TWICE * min(factors, default=0.0) > 0:
+        return
+    is_open = (experiment.ratio == 1) & ~experiment.both & np.isfinite(experiment.torque[0])
+    ratios = {names[j]: 1 / x.factor for j, x in scales.items() if is_open[j]}
+    ratios = {joint: ratio for joint, ratio in ratios.items() if ratio > tol.FAR}
+    if ratios:
+        words = {"lacking": listed(ratios), "values": listed([f"{x:.3g}" for x in ratios.values()])}
+        evidence = {f"bodies over the torque of {joint}": x for joint, x in ratios.items()}
+        yield codes.CODES["gear-ratio"].finding(
+            "lacking", "", evidence | words, joints=tuple(ratios)
+        )
+
+
 def can_move(experiment: Experiment, joints: Sequence[int], factor: float) -> bool:
     """Return whether joints can have moved `factor` times as far, by the median of several.
 
@@ -587,8 +608,9 @@ def is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Findi
     late, channel = accepted[0], accepted[0].trial.candidate.term
     value = float(late.coefficients[0]), float(late.errors[0])
     delay = _late_encoder(side, joint, late) if channel == "joint_position" else value
-    # beyond half a period of the cutoff nothing is linear in a delay: it stands for another cause
-    if delay is None or 2 * abs(delay[0]) * side.motions[0].cutoff_hz > 1:
+    # Beyond half a period of the cutoff nothing is linear in a delay, and blocks of time contradict
+    # one that is within its error: it stands for another cause.
+    if delay is None or not tol.SURE * delay[1] < abs(delay[0]) < 0.5 / side.motions[0].cutoff_hz:
         return None
     changes = side.changed_by(accepted)
     is_large = (changes["standard errors"] > tol.SIGNIFICANT) & (changes["%"] > 100 * tol.POOR)

@@ -254,7 +254,7 @@ def _found_alone(side: Side, trial: engine.Trial) -> Finding | None:
     candidate, alternative = trial.candidate, trial.alternative
     larger = side.equation.with_alternatives([alternative])
     change = larger.values[: len(side.equation.values)] - side.equation.values
-    of_columns = larger.last(alternative.columns.shape[1])
+    of_columns = larger.last_of_blocks(alternative.columns.shape[1])
     alone = engine.Accepted(trial, *of_columns, trial.comparison.share, change)
     check: ColumnCheck[Side] = candidate.about
     return check.finding(side, candidate.joint, [alone], trial.comparison.share)
@@ -351,15 +351,25 @@ def _selected(
             continue
         finding = None
         with guarded(check.code, notes):
-            finding = check.finding(side, joint, accepted, sum(x.share for x in accepted))
-            if finding is not None:
-                finding = _with_rivals(side, _with_effect(side, finding, accepted), accepted)
+            finding = _finding_of(side, check, joint, accepted)
         if finding is None:
             # What it explained may belong to others that were not accepted next to it: all anew.
             remaining = [x for x in candidates if x.origin != (check, joint)]
             return _selected(side, remaining, notes, asked)
         findings[check, joint] = finding
     return SideSelection(side, selection, findings, notes)
+
+
+def _finding_of(
+    side: Side, check: ColumnCheck[Side], joint: str, accepted: engine.Acceptance
+) -> Finding | None:
+    """Return the finding of what was accepted of a check at a joint, None if it is nothing."""
+    if not side.keeps_scale(accepted):
+        return None
+    finding = check.finding(side, joint, accepted, sum(x.share for x in accepted))
+    if finding is None:
+        return None
+    return _with_rivals(side, _with_effect(side, finding, accepted), accepted)
 
 
 def model_findings(

@@ -57,7 +57,7 @@ _DIRECT = ("free", "of_motors", "of_encoders", "of_sensors")
 class _Trial:
     """A transform, one of a `count` that were tried on the experiment `before`, and its support.
 
-    `falls` are the misfits that matter and fall by half, {(kind, joint): part that remains}. Gains
+    `falls` are the misfits that matter and fall by half, {(kind, joint): before and after}. Gains
     of the log likelihood: `direct` by all that does not rest on the robot file, `shown` by what
     matters of it, `bodies` by the bodies of the robot file and their errors.
     """
@@ -65,7 +65,7 @@ class _Trial:
     before: Experiment
     transform: Transform
     count: int
-    falls: Mapping[tuple[str, int], float]
+    falls: Mapping[tuple[str, int], tuple[float, float]]
     shown: float
     direct: float
     bodies: float
@@ -95,7 +95,7 @@ class _Trial:
         changed, finding = self.transform.changed, self.transform.finding
         # any bodies or those of the file: another mistake may contradict the latter, or one of the
         # two joints of an exchange
-        misfit = np.fmin(changed.nominal, changed.free)
+        misfit = np.fmin(changed.nominal, changed.predicted)
         middle = float(np.nanmedian(misfit)) if np.any(np.isfinite(misfit)) else 0.0
         names = finding.joints or (finding.joint,) * bool(finding.joint)
         of_joints = misfit[[changed.robot.index(name) for name in names]]
@@ -107,12 +107,12 @@ class _Trial:
         The gain has to come from what the log shows without the robot file, where a misfit that
         matters falls, or from all together, and the bodies of the file contradict it by less.
         """
-        remaining, middle = self.left
+        if self.total <= 0:
+            return False
         if self.shown > least:
-            return remaining < tol.MOST and self.total > 0
+            return self.left[0] < tol.MOST
         is_possible = bool(self.falls) or _is_value(self.before, self.transform)
-        is_explained = max(middle, remaining) < tol.SEVERE and self.total > 0
-        return self.shown + self.bodies > least and is_possible and is_explained
+        return self.shown + self.bodies > least and is_possible and max(self.left) < tol.SEVERE
 
 
 def _trial(before: Experiment, transform: Transform, count: int) -> _Trial:
@@ -134,7 +134,7 @@ def _trial(before: Experiment, transform: Transform, count: int) -> _Trial:
     # n log(rms before / rms after): the gain of Gaussian residuals of unknown size.
     gains, is_less = rows * np.log(x / y), y < tol.MOST * x
     places = np.argwhere((x > tol.POOR) & is_less).tolist()
-    falls = {(kinds[kind], j): float(y[kind, j] / x[kind, j]) for kind, j in places}
+    falls = {(kinds[k], j): (float(x[k, j]), float(y[k, j])) for k, j in places}
     # A misfit that a joint does not have is NaN, which compares as False and does not count.
     counts = ((x > tol.SLIGHT) & is_less) | (is_value & (y < tol.SLIGHT))
     counts &= np.array([[kind in _DIRECT] for kind in kinds])
@@ -263,8 +263,7 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
     finding = best.transform.finding
     message, evidence, severity = finding.message, {**finding.evidence}, finding.severity
     if best.falls:
-        kind, j = min(best.falls, key=best.falls.__getitem__)
-        before, after = (float(x.misfits[kind][j]) for x in (best.before, best.transform.changed))
+        (kind, j), (before, after) = min(best.falls.items(), key=lambda x: x[1][1] / x[1][0])
         evidence |= {codes.AS_GIVEN: before, "misfit without it": after}
         message += f": the part of the {KINDS[kind][1]} of {best.before.robot.joint_names[j]} that "
         message += f"is left unexplained falls from {before:.0%} to {after:.0%}"
@@ -688,7 +687,7 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
         joint, is_own = experiment.robot.joint_names[j], np.arange(experiment.robot.n) == j
         # what the file leaves of the torque, over the angle
         stiffness, error = experiment.multiple(np.where(is_own, experiment.joint[0], 0.0))
-        if stiffness > 0 and not experiment.sprung[j]:
+        if stiffness > tol.SURE * error and not experiment.sprung[j]:
             unit = "N/m" if experiment.robot.is_prismatic[j] else "N m/rad"
             evidence = {"stiffness": stiffness, "standard error": error, "unit": unit}
             lines = in_drives({(joint,): 'parallel_spring = ["linear", "preload"]'})
@@ -963,5 +962,6 @@ OF_MOTION: Sequence[Check[Experiment, Finding]] = (
     Check(CODES["encoder-offsets-differ"], (), channels.offset_findings),
     Check(CODES["no-measurement"], (_NO_CONTROLLERS, _BODIES), commands.magnitudes),
     Check(CODES["no-measurement"], (_NO_CONTROLLERS,), commands.of_friction_alone),
+    Check(CODES["gear-ratio"], (_NO_CONTROLLERS, _BODIES), gears.missing_ratios),
 )
 """What hides all else: the first that finds something ends the search."""

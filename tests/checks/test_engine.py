@@ -220,6 +220,17 @@ def test_the_last_parameters_have_the_errors_of_white_noise_in_any_units() -> No
     np.testing.assert_allclose(errors, white, rtol=0.15)
 
 
+def test_errors_are_those_of_blocks_that_differ_by_more() -> None:
+    """One slope in the first half and twice as much in the second: eight blocks show that."""
+    x, n = np.random.default_rng(9).standard_normal(1600), 8
+    y = np.where(np.arange(1600) < 800, 1.0, 2.0) * x
+    equation = Equation(regression(x[:, None], y), np.ones(1))
+    (slope,), (error,) = equation.last_of_blocks(1)
+    assert abs(slope - 1.5) < 0.05
+    # the slopes of the blocks have a standard deviation of 0.5 n / (n - 1), and their mean this
+    assert error == pytest.approx(0.5 / np.sqrt(n - 1), rel=0.1)
+
+
 def selected(*columns: Array) -> Selection:
     """Return what is selected among columns of different checks, of which the first is true."""
 

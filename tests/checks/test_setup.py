@@ -16,6 +16,8 @@ import pinocchio as pin
 import pytest
 
 import seaid
+from scripts.benchmarks.parts_of_logs import parts_of
+from scripts.golden_measured import measured_table
 from seaid._arrays import Array
 from seaid.checks.bodies import _with_length, file_findings
 from seaid.checks.codes import CODES
@@ -962,3 +964,23 @@ def test_a_factor_on_all_torques_has_no_echoes() -> None:
     robot, log = leg(TEST_MASS), leg_log()
     findings = seaid.identify(robot, replace(log, motor_torque=1.3 * log.motor_torque)).warnings
     assert {x.code for x in findings if x.severity != "note"} == {"torque-scale"}
+
+
+@pytest.mark.parametrize(("name", "parts"), quick_first([("HEBI capstone", 3), ("XL330", 2)]))
+def test_short_parts_of_measured_logs_have_no_mistake(name: str, parts: int) -> None:
+    """Any bodies fit what a short part shows with a wrong sign, too: they do not predict it."""
+    (table,) = (x for x in measured_table() if x["name"] == name)
+    assert [x.message for part in parts_of(table, [parts]) for x in part.causes] == []
+
+
+def test_gears_that_drives_lack_are_named_together() -> None:
+    """The bodies of the file are those of the robot: each ratio is within an eighth."""
+    robot, log = CASES["ur10"][0](), geared_arm_log()
+    ratios = {1: 250.0, 2: 100.0}
+    assert {robot.drives[robot.joint_names[j]].ratio for j in ratios} == {1.0}
+    torque = log.motor_torque / [ratios.get(j, 1.0) for j in range(robot.n)]
+    findings = setup_findings(experiment(robot, replace(log, motor_torque=torque)), [])
+    (finding,) = (x for x in findings if x.severity != "note")
+    assert (finding.code, finding.severity) == ("gear-ratio", "wrong")
+    assert finding.joints == tuple(robot.joint_names[j] for j in ratios)
+    np.testing.assert_allclose([*finding.evidence.values()], [*ratios.values()], rtol=1 / 8)
