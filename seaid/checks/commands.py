@@ -472,7 +472,8 @@ def _unusual_delay(delay: float, joints: Sequence[str], stated: str = "") -> Fin
     if delay > 0:
         when, cause = "after", "no bus is so slow: clocks differ, or the drive filters its commands"
     words = {"joints": listed(joints), "when": when, "cause": stated or cause}
-    remedy, evidence = "correct the drives" if stated else None, {"delay [s]": delay, **words}
+    lines = codes.in_drives({(joint,): f"command_delay_s = {delay:.4g}" for joint in joints})
+    evidence, remedy = {"delay [s]": delay, **words}, lines if stated else None
     of_commands = "commands", codes.only_joint(joints), evidence, remedy
     return codes.CODES["delay"].finding(*of_commands, is_worse=delay > 0 or bool(stated))
 
