@@ -32,7 +32,7 @@ from seaid.checks.terms import (
 from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
 from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
 from seaid.drives.drives import DefaultTerms
-from seaid.drives.terms import MOTOR_CONSTANTS
+from seaid.drives.terms import LEVEL_OF, MOTOR_CONSTANTS
 from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
 from seaid.log import Log, Motion
@@ -314,7 +314,7 @@ def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     """
     candidate = found.trial.candidate
     of_term = PARAMETERS_OF[candidate.field][candidate.term]
-    positive = {name for name in of_term if PARAMETERS[name].is_positive}
+    positive = {x for x in of_term if PARAMETERS[x].is_positive or x in LEVEL_OF.values()}
     # A law that replaces columns has the coefficients of these too, which are not of the term.
     values = zip(found.trial.alternative.names, found.coefficients.tolist(), strict=True)
     if (candidate.field, candidate.term) == ("spring", "damping"):

@@ -95,9 +95,15 @@ def spring_part(joint: str, power: int, share: float) -> Array:
     return np.asarray(lever * share * drive.values["stiffness"] * top * (stretch / top) ** power)
 
 
-def stribeck() -> Log:
+def stribeck(level: float = 0.02) -> Log:
     w = speed("knee_pitch")
-    return with_torque("knee_pitch", 0.02 * np.exp(-((w / 60.0) ** 2)) * np.sign(w))
+    return with_torque("knee_pitch", level * np.exp(-((w / 60.0) ** 2)) * np.sign(w))
+
+
+def test_friction_that_falls_towards_standstill_is_not_that_of_stribeck() -> None:
+    """It is rounded Coulomb friction, of which a Stribeck force would be negative."""
+    found = seaid.identify(named(), stribeck(-0.01))
+    assert not any("stribeck_speed" in finding.evidence for finding in findings(found))
 
 
 def with_knee(robot: Robot | None = None, joint: str = "knee_pitch", **changed: Any) -> Robot:
