@@ -1,8 +1,8 @@
 """What a log may have: the one table of its channels, from which names and units follow.
 
-A row is a quantity of a joint, of the base or of a contact. Its name is the field of `Log` or
-`BaseLog` and the key of a description; its columns in a file are the owner, the name and the SI
-unit: "knee.joint_position_rad", "base.velocity_x_m_per_s", "foot.force_z_N".
+A row of channels.toml is a quantity of a joint, of the base or of a contact. Its name is the field
+of `Log` or `BaseLog` and the key of a description; its columns in a file are the owner, the name
+and the SI unit: "knee.joint_position_rad", "base.velocity_x_m_per_s", "foot.force_z_N".
 """
 
 from __future__ import annotations
@@ -12,14 +12,19 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import LogError
 
-UNITS = tomllib.loads(Path(__file__).with_name("units.toml").read_text("utf-8"))
+
+def _table_of(file: str) -> dict[str, Any]:
+    return tomllib.loads(Path(__file__).with_name(file).read_text("utf-8"))
+
+
+UNITS = _table_of("units.toml")
 """The tables of units.toml: the units with their spellings, and their prefixes."""
 
 
@@ -117,49 +122,17 @@ class Quantity:
         return tuple(f"{owner}.{'_'.join(filter(None, words))}" for words in parts)
 
 
-def _by_name(*rows: Quantity) -> dict[str, Quantity]:
-    return {row.name: row for row in rows}
-
-
-OF_JOINTS = _by_name(
-    Quantity("motor_position", "position", "rad", interpolation="spline"),
-    Quantity("joint_position", "position", "rad", "m", "spline", short_name="position"),
-    Quantity("motor_torque", "torque", "Nm"),
-    Quantity("joint_torque", "torque", "Nm", "N"),
-    Quantity("motor_current", "current", "A"),
-    Quantity("motor_voltage", "voltage", "V"),
-    Quantity("deflection", "deflection", "rad", "m"),
-    Quantity("motor_temperature", "temperature", "degC", is_slow=True),
-    Quantity("position_command", "position", "rad", "m", "linear", short_name="command"),
-    Quantity("velocity_command", "velocity", "rad_per_s", "m_per_s", "linear"),
-    Quantity("torque_command", "torque", "Nm", "N", "linear"),
-    Quantity("supply_voltage", "voltage", "V", is_slow=True),
+OF_JOINTS, OF_BASE, OF_CONTACTS = (
+    {name: Quantity(name, **row) for name, row in table.items()}
+    for table in _table_of("channels.toml").values()
 )
-"""Quantities of a joint. Deflection: motor side of the spring minus joint side."""
+"""Quantities of a joint, of the base and of a contact by their names."""
 
 SENSORS = tuple(OF_JOINTS)
 """Fields of a `Log` with samples of sensors, each (T, n)."""
 
 OF_CONTROLLERS = (*(x for x, row in OF_JOINTS.items() if row.is_command), "supply_voltage")
 """Fields that the controllers of drives need."""
-
-OF_BASE = _by_name(
-    Quantity("position", "position", "m", interpolation="spline", axes="xyz"),
-    Quantity("orientation", "orientation", "", interpolation="spline", axes="wxyz"),
-    Quantity("velocity", "velocity", "m_per_s", "", "spline", "xyz", frame="world"),
-    Quantity("angular_velocity", "angular_velocity", "rad_per_s", axes="xyz", frame="base"),
-    Quantity("specific_force", "specific_force", "m_per_s2", axes="xyz"),
-    Quantity("acceleration", "acceleration", "m_per_s2", axes="xyz", frame="world"),
-    Quantity("angle", "angle", "rad", interpolation="spline"),
-)
-"""Quantities of the base; an acceleration becomes the specific force, an angle the orientation."""
-
-OF_CONTACTS = _by_name(
-    Quantity("contact", "contact", ""),
-    Quantity("force", "force", "N", axes="xyz"),
-    Quantity("moment", "moment", "Nm", axes="xyz"),
-)
-"""Quantities of a contact."""
 
 CHANNELS = {
     name: row.columns("base")

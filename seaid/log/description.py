@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
-from seaid._files import MOST_TOML_BYTES, read_toml, toml_key, toml_text
+from seaid._files import MOST_TOML_BYTES, from_template, read_toml, toml_key, toml_text
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import LogError, check_name, listed, shortened, shown, unknown_name
 from seaid.log.channels import (
@@ -39,7 +39,7 @@ Factor = Annotated[float, Within(f"{_NUMBER} that is not zero", lambda x: x and 
 Divisor = Annotated[
     float, Within(f"a number above zero ({_LEAST:g} to {_MOST:g})", lambda x: _LEAST <= x <= _MOST)
 ]
-ColumnName = Annotated[str, Within("the name of a column", lambda name: True)]
+ColumnName = Annotated[str, Within("the name of a column", lambda name: True, whole=True)]
 FileName = Annotated[str, Within("the name of a file", lambda name: name != "")]
 
 
@@ -87,8 +87,8 @@ class Servo:
 
     goal: ColumnName
     position: ColumnName
-    gain: ColumnName | Number
-    supply: ColumnName | Number
+    gain: Number | ColumnName
+    supply: Number | ColumnName
     gain_factor: Number = 1.0
     limit: Number = 1.0
 
@@ -156,7 +156,7 @@ class Source:
     counts_per_turn: Divisor | None = None
     counts_per_m: Divisor | None = None
     torque_constant_Nm_per_A: Divisor | None = None
-    times: ColumnName | Number | None = None
+    times: Number | ColumnName | None = None
     side: Side | None = None
     above: Number | None = None
     unknown: Number | None = None
@@ -301,19 +301,9 @@ class LogDescription(Display):
 
     def to_toml(self) -> str:
         """Return the description as the text of a TOML file."""
-        content = self.to_dict()
-        tables: dict[str, Any] = {}
-        for key in ("joints", "base", "contacts", "repair"):
-            table = content.pop(key, {})
-            if key in ("joints", "contacts"):
-                tables |= {f"{key}.{toml_key(owner)}": entry for owner, entry in table.items()}
-            elif table:
-                tables[key] = table
-        lines = [f"{key} = {as_toml(value)}" for key, value in content.items()]
-        for name, table in tables.items():
-            lines += ["", f"[{name}]"]
-            lines += [f"{toml_key(key)} = {as_toml(value)}" for key, value in table.items()]
-        return "\n".join(lines).lstrip("\n") + "\n"
+        filters = {"toml": as_toml, "key": toml_key}
+        text = from_template("seaid.log", "description.toml.j2", filters, content=self.to_dict())
+        return text.lstrip("\n")
 
 
 def _vectors(sources: Mapping[str, Source]) -> dict[str, Any]:
@@ -363,21 +353,21 @@ def changed_source(
     if delay_s:
         table["delay_s"] = _rounded(table.get("delay_s", 0.0) + delay_s)
     if wraps is not None:
-        size = table.get("times", 1.0) * table.get("scale", 1.0) * _unit_size(table)
+        size = table.get("times", 1.0) * table.get("scale", 1.0) * unit_size(table)
         table["wraps"] = _rounded(wraps / size)
     return table
 
 
-def _unit_size(table: Mapping[str, Any]) -> float:
+def unit_size(table: Mapping[str, Any]) -> float:
     """Return the unit of the column of a source in SI units, without the ratio of a gear."""
-    if "counts_per_turn" in table:
-        return 2 * math.pi / float(table["counts_per_turn"])
-    if "counts_per_m" in table:
-        return 1 / float(table["counts_per_m"])
+    if per_turn := table.get("counts_per_turn"):
+        return 2 * math.pi / float(per_turn)
+    if per_m := table.get("counts_per_m"):
+        return 1 / float(per_m)
     sizes = {unit: size for units in UNIT_FACTORS.values() for unit, size in units.items()}
     # A torque from a current has the unit of the current, and N m per A.
     size = sizes.get(str(table.get("unit")), 1.0)
-    return float(size * table.get("torque_constant_Nm_per_A", 1.0))
+    return float(size * (table.get("torque_constant_Nm_per_A") or 1.0))
 
 
 def _rounded(value: float) -> float | int:
@@ -391,13 +381,9 @@ def as_toml(value: Any) -> str:
     if isinstance(value, Mapping):
         pairs = [f"{toml_key(key)} = {as_toml(entry)}" for key, entry in value.items()]
         return f"{{ {', '.join(pairs)} }}"
-    if isinstance(value, str):
-        return toml_text(value)
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(as_toml, value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(float(value) if isinstance(value, float) else value)  # repr of float64 is no TOML
+    return toml_text(value)
 
 
 Described = LogDescription | Mapping[str, Any] | str | Path
@@ -446,66 +432,54 @@ def _names_joints(path: Path) -> bool:
         return True
 
 
-_TABLES = ("joints", "base", "contacts")
-_TOP_LEVEL = types_of(LogDescription) | dict.fromkeys(_TABLES, Mapping[str, Any]) | {"time": Any}
+_ROWS = {"joints": OF_JOINTS, "base": OF_BASE, "contacts": OF_CONTACTS}
+"""{kind of a table of a description: its quantities}."""
+
+_TOP_LEVEL = types_of(LogDescription) | dict.fromkeys(_ROWS, Mapping[str, Any])
 """{key: type} of a description; what its tables have depends on the quantities."""
 
-_READER = Reader(LogError)
+_READER = Reader(LogError, short={Clock: "column"})
 
 
 def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
     values = _READER.table(_TOP_LEVEL, content, where)
-    tables = {key: values.pop(key, {}) for key in _TABLES}
-    return LogDescription(
-        joints={
-            joint: _joint(f"{where} [joints.{shortened(joint)}]", table)
-            for joint, table in tables["joints"].items()
-        },
-        time=_clock(values.pop("time", None), where),
-        base=_sources(f"{where} [base]", tables["base"], OF_BASE),
-        contacts={
-            link: _sources(f"{where} [contacts.{link}]", table, OF_CONTACTS)
-            for link, table in tables["contacts"].items()
-        },
-        **values,
-    )
-
-
-def _clock(value: Any, where: str) -> Clock | None:
-    """Return a clock; a column alone makes one, and its number is its name in such a file."""
-    table = {"column": value} if isinstance(value, str | int) else value
-    if isinstance(table, Mapping) and type(table.get("column")) is int:
-        table = {**table, "column": str(table["column"])}
-    clock: Clock | None = _READER.value(Clock | None, table, "time", where)
-    return clock
+    tables: dict[tuple[str, ...], Any] = {("base",): values.pop("base", {})}
+    for kind in ("joints", "contacts"):
+        tables |= {(kind, owner): table for owner, table in values.pop(kind, {}).items()}
+    read = {
+        key: _sources(f"{where} [{'.'.join(map(shortened, key))}]", table, _ROWS[key[0]])
+        for key, table in tables.items()
+    }
+    return LogDescription(**values).with_tables(read)
 
 
 _LONG_NAMES = {row.short_name: name for name, row in OF_JOINTS.items() if row.short_name}
 
 
-def _joint(where: str, table: Any) -> dict[str, Source]:
-    """Return the sources of a joint. Raises LogError for none, and for velocities."""
+def _check_joint(where: str, table: Any) -> None:
+    """Raise LogError for a joint without a quantity, with short names, and with velocities."""
     for key in table if isinstance(table, Mapping) else ():
         if key in _LONG_NAMES:
             raise LogError(f"{where}: '{key}' is named '{_LONG_NAMES[key]}' in a description")
         if "velocity" in str(key) and key not in OF_JOINTS:
             name = unknown_name("key", key, OF_JOINTS)
             raise LogError(f"{where}: {name}; velocities are differentiated from positions")
-    if sources := _sources(where, table, OF_JOINTS):
-        return sources
-    raise LogError(f"{where}: names no quantity; allowed: {', '.join(OF_JOINTS)}")
+    if isinstance(table, Mapping) and not table.keys() - {"time"}:
+        raise LogError(f"{where}: names no quantity; allowed: {', '.join(OF_JOINTS)}")
 
 
 def _sources(where: str, table: Any, rows: Mapping[str, Quantity]) -> dict[str, Source]:
     """Return the sources of a table by quantity, with the clock that they share."""
-    values = _READER.table(dict.fromkeys(("time", *rows), Any), table, where)
-    clock = _clock(values.pop("time", None), where)
+    if rows is OF_JOINTS:
+        _check_joint(where, table)
+    values = _READER.table({"time": Clock | None, **dict.fromkeys(rows, Any)}, table, where)
+    clock = values.pop("time", None)
     sources = {x: _source(f"{where} {x}", rows[x], value) for x, value in values.items()}
     return {name: replace(x, time=x.time or clock) for name, x in sources.items()}
 
 
 _OF_VECTORS = ("columns", "frame", "order", "scale", "above", "unknown", "delay_s")
-_KEYS = types_of(Source) | {"columns": Any, "time": Any}
+_KEYS = types_of(Source) | {"columns": Any}
 _KEYS_OF_VECTORS = {key: _KEYS[key] for key in _OF_VECTORS}
 _KEYS_OF_JOINTS = {"column": Any} | {
     key: kind for key, kind in _KEYS.items() if key not in {*_OF_VECTORS} - {"scale", "delay_s"}
@@ -523,11 +497,10 @@ def _source(where: str, row: Quantity, value: Any) -> Source:
     values = _READER.table(keys, table, where)
     named = values.pop(key, None)
     columns = () if named is None else _expanded(f"{where}: '{key}'", named)
-    time = _clock(values.pop("time", None), where)
     for name, quantities in _ONLY_OF.items():
         if name in table and row.name not in quantities:
             raise LogError(f"{where}: {name} is not for {row.name}, found {shown(table[name])}")
-    source = Source(columns, time=time, **values)
+    source = Source(columns, **values)
     _check_source(where, row, source)
     return source
 

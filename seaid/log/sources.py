@@ -31,7 +31,7 @@ from seaid.log.channels import (
     column_name,
     short_name,
 )
-from seaid.log.description import Clock, LogDescription, Servo, Source
+from seaid.log.description import Clock, LogDescription, Servo, Source, unit_size
 from seaid.log.log import Log, columns_by_joint, near_names, own_names, sorted_log
 from seaid.log.readers.table import Block, Table, check_lengths
 from seaid.log.repair import Channel, Repair
@@ -222,18 +222,12 @@ class _Described:
         own_side, _, kind = quantity.partition("_")
         if source.side not in (None, own_side):
             factor, quantity = self._gear_factor(robot), f"{source.side}_{kind}"
-        if source.unit is None:
-            return factor
-        if source.torque_constant_Nm_per_A is not None:
-            return factor * UNIT_FACTORS["A"][source.unit] * source.torque_constant_Nm_per_A
-        unit = _unit_of(robot, self.owner, quantity)
-        units = dict(UNIT_FACTORS[unit])
-        if source.counts_per_turn is not None and unit == "rad":
-            units["counts"] = 2 * np.pi / source.counts_per_turn
-        if source.counts_per_m is not None and unit == "m":
-            units["counts"] = 1.0 / source.counts_per_m
-        check_name("unit of this quantity", source.unit, units, LogError)
-        return factor * units[source.unit]
+        if source.unit is not None and source.torque_constant_Nm_per_A is None:
+            unit = _unit_of(robot, self.owner, quantity)
+            counts = {"rad": source.counts_per_turn, "m": source.counts_per_m}
+            units = [*UNIT_FACTORS[unit], *["counts"] * (counts.get(unit) is not None)]
+            check_name("unit of this quantity", source.unit, units, LogError)
+        return factor if source.unit is None else factor * unit_size(vars(source))
 
     def _gear_factor(self, robot: Robot) -> float:
         """Return the factor from the other side of the gear to that of the quantity."""

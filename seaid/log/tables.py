@@ -21,10 +21,14 @@ _Instance = TypeVar("_Instance")
 
 @dataclass(frozen=True)
 class Within:
-    """The limits of a value in an annotation: what a message calls it, and if it keeps them."""
+    """The limits of a value in an annotation: what a message calls it, and if it keeps them.
+
+    `whole` numbers may stand for a text, as those of columns without names.
+    """
 
     words: str
     holds: Callable[[Any], bool] = field(repr=False)
+    whole: bool = False
 
 
 Interval = Annotated[
@@ -47,10 +51,14 @@ _SCALARS: Mapping[Any, tuple[str, Callable[[Any], bool]]] = {
 
 @dataclass(frozen=True)
 class Reader:
-    """A reader of tables, which raises `error`; relative paths are those of `folder`."""
+    """A reader of tables, which raises `error`; relative paths are those of `folder`.
+
+    A text or a number stands for a table with the key of its type in `short`, as "t" for a clock.
+    """
 
     error: type[SeaidError]
     folder: Path = Path()
+    short: Mapping[type, str] = field(default_factory=dict)
 
     def table(
         self, types: Mapping[str, Any], table: Any, where: str, needed: Iterable[str] = ()
@@ -99,6 +107,8 @@ class Reader:
         return self.folder / value if kind is Path else value
 
     def _object(self, kind: Any, value: Any, key: str, where: str) -> Any:
+        if kind in self.short and isinstance(value, str | int):
+            value = {self.short[kind]: value}
         return value if isinstance(value, kind) else self.instance(kind, value, f"{where} [{key}]")
 
     def _mapping(self, hint: Any, value: Any, key: str, where: str) -> FrozenMapping[Any]:
@@ -113,6 +123,7 @@ class Reader:
 
     def _within(self, hint: Any, value: Any, key: str, where: str) -> Any:
         kind, limits = get_args(hint)
+        value = str(value) if limits.whole and type(value) is int else value
         try:
             read = self.value(kind, value, key, where)
         except self.error:
