@@ -6,13 +6,14 @@ HEBI's library aborts the process on some damaged files, so it runs in a child p
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from seaid.log.readers.child_process import read_in_child
-from seaid.log.readers.table import Block, Table, check_installed
+from seaid.log.readers.table import Table, check_installed, held
 
 _FIELDS = (
     *("position", "velocity", "effort", "deflection", "deflection_velocity"),
@@ -31,19 +32,14 @@ def open_hebilog(path: Path) -> Table:
     [s]. Raises LogError for an invalid file, and if hebi-py is not installed.
     """
     check_installed("hebi", "hebi", path)
-    modules, fields = read_in_child(read_fields, path, "a HEBI log", 2e5)
-    kinds = (*_CLOCKS, *_FIELDS)
-    places = {f"{kind}[{k}]": (kind, k) for k in range(modules) for kind in kinds}
-    clocks = {f"{field}[{k}]": f"time[{k}]" for k in range(modules) for field in _FIELDS}
-
-    def load(wanted: list[str]) -> Block:
-        return {name: _column(fields, *places[name]) for name in wanted}
-
-    return Table(list(places), load, clocks=clocks)
+    arrays = read_in_child(read_fields, path, "a HEBI log", 2e5)
+    modules = range(arrays["time"].shape[1])
+    clocks = {f"{field}[{k}]": f"time[{k}]" for k in modules for field in _FIELDS}
+    return replace(held(path, arrays), clocks=clocks)
 
 
-def read_fields(path: str) -> tuple[int, dict[str, Any]]:
-    """Return the number of modules and all fields (T, modules) of a log; runs in the child."""
+def read_fields(path: str) -> dict[str, Any]:
+    """Return all fields (T, modules) of a log; runs in the child."""
     from hebi import util
 
     log: Any = util.load_log(path, load=False)
@@ -53,11 +49,13 @@ def read_fields(path: str) -> tuple[int, dict[str, Any]]:
         for field, kind in kinds.items():
             # Copied at once, because the arrays of the object change with the next sample.
             data[field] += np.asarray(getattr(feedback, field)).astype(kind).tobytes()
-    modules = int(log.number_of_modules)
-    return modules, {
-        field: np.frombuffer(data[field], dtype=kind).reshape(-1, modules)
-        for field, kind in kinds.items()
-    }
+    shape = -1, int(log.number_of_modules)
+    arrays = {x: np.frombuffer(data[x], dtype=kind).reshape(shape) for x, kind in kinds.items()}
+    time, transmitted = (arrays.pop(field) for field in _CLOCKS.values())
+    # The computer's clock is common to all modules, so that their offsets stay; each module has a
+    # clock of its own, whose zero means nothing.
+    seconds = {"time": time - time[0].min(), "transmit_time": transmitted - transmitted[0]}
+    return {name: 1e-6 * values for name, values in seconds.items()} | arrays
 
 
 def _samples(log: Any) -> Iterator[Any]:
@@ -74,13 +72,3 @@ def _samples(log: Any) -> Iterator[Any]:
             feedback = following(feedback)
         except StopIteration:
             return
-
-
-def _column(fields: Any, kind: str, module: int) -> Any:
-    if kind not in _CLOCKS:
-        return fields[kind][:, module]
-    values = fields[_CLOCKS[kind]]
-    # The computer's clock is common to all modules, so that their offsets stay; each module has a
-    # clock of its own, whose zero means nothing.
-    first = values[0].min() if kind == "time" else values[0, module]
-    return (values[:, module] - first) * 1e-6

@@ -5,8 +5,7 @@ from __future__ import annotations
 import stat
 from collections import ChainMap, Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext, suppress
-from dataclasses import replace
+from contextlib import suppress
 from difflib import get_close_matches
 from itertools import chain, islice
 from operator import attrgetter
@@ -17,15 +16,13 @@ import numpy as np
 
 from seaid._files import working_folder
 from seaid.errors import LogError, listed, reason_of, shortened
+from seaid.log.readers.array_files import open_hdf5, open_mat, open_npy, open_npz
 from seaid.log.readers.csv_file import open_csv
-from seaid.log.readers.hdf5_file import open_hdf5
 from seaid.log.readers.hebi_log import open_hebilog
 from seaid.log.readers.json_file import open_json
-from seaid.log.readers.matlab_file import open_mat
-from seaid.log.readers.npz_file import open_npy, open_npz
 from seaid.log.readers.parquet_file import open_parquet
 from seaid.log.readers.ros_bag import open_bag
-from seaid.log.readers.table import IN_MEMORY, Block, Table, check_names, table_of_arrays
+from seaid.log.readers.table import IN_MEMORY, Block, Table, check_names, held
 
 READERS: dict[str, Callable[[Path], Table]] = {
     **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), open_csv),
@@ -70,9 +67,8 @@ def in_memory(log: Any) -> Table | None:
     index = getattr(log, "index", None)
     if isinstance(getattr(index, "name", None), str):
         data = {str(index.name): _plain_numbers(index), **data}  # type: ignore[union-attr]
-    table = table_of_arrays(IN_MEMORY, "", lambda: nullcontext(data))
-    check_names(IN_MEMORY, table.names)
-    return replace(table, blocks=None)
+    check_names(IN_MEMORY, [*data])
+    return held(IN_MEMORY, data)
 
 
 def _plain_numbers(values: Any) -> Any:

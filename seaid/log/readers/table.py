@@ -6,8 +6,8 @@ import importlib
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -256,6 +256,13 @@ def table_of_arrays(
                 yield {name: block[name] for name in wanted}
 
     return in_pieces(list(columns), blocks)
+
+
+def held(path: Path, arrays: Arrays) -> Table:
+    """Return the columns of arrays in memory, which are not read in pieces."""
+    table = table_of_arrays(path, "a log", lambda: nullcontext(arrays))
+    names = [name for name in table.names if f"{name}[0]" not in table.names]
+    return replace(table, names=names, blocks=None)
 
 
 def in_pieces(
