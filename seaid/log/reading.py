@@ -181,7 +181,7 @@ def _on_time(
     covered, moved = on_time(time, picked, delays_s)
     picked = {name: values[covered] for name, values in picked.items()} | moved
     report = [
-        Repair(name, "delay", 1, float(time[0]), f"{1e3 * delay:.6g} ms, as described; corrected")
+        Repair.of(name, "delay", 1, time[0], delay_ms=1e3 * delay)
         for name, delay in delays_s.items()
     ]
     time = time[covered]
@@ -191,8 +191,8 @@ def _on_time(
     if np.all(bad):
         raise LogError("the delays and exclude_s of the description leave no sample of the log")
     if np.any(bad):
-        first, action = float(time[np.argmax(bad)]), f"{np.mean(bad):.1%} of the samples"
-        report.append(Repair("time_s", "excluded intervals", len(intervals), first, action))
+        first, count, share = time[np.argmax(bad)], len(intervals), np.mean(bad)
+        report.append(Repair.of("time_s", "excluded intervals", count, first, share=share))
     return time[~bad], {name: values[~bad] for name, values in picked.items()}, tuple(report)
 
 
@@ -321,11 +321,7 @@ def _common_time(
     early = min(measured, key=lambda name: times[name][-1])
     start, end = float(times[late][0]), float(times[early][-1])
     longest = max(time[-1] - time[0] for time in times.values())
-    report.check(
-        "most_missing",
-        1.0 - (end - start) / longest,
-        f"the channels share {max(end - start, 0.0):.4g} s of {longest:.4g} s: '{late}' starts at "
-        f"{start:.6g} s and '{early}' ends at {end:.6g} s",
-        "check that their clocks have the same unit and the same zero",
-    )
+    ends = {"late": late, "start": start, "early": early, "end": end}
+    common = {"common_s": max(end - start, 0.0), "longest_s": longest}
+    report.check("common_time", 1.0 - (end - start) / longest, **ends, **common)
     return start, end

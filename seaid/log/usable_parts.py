@@ -76,9 +76,8 @@ def _without_rest(log: Log, shortest_s: float) -> Log:
         return log
     # `between` excludes its end: the next float above it includes the sample at the end itself.
     part = log.between(time[0] + cut[0], np.nextafter(time[-1] - cut[1], np.inf))
-    action = f"{cut[0]:.3g} s before and {cut[1]:.3g} s after the motion are excluded"
-    count = len(time) - len(part.time)
-    return replace(part, report=(*log.report, Repair("time_s", REST, count, time[0], action)))
+    count, ends = len(time) - len(part.time), {"before_s": cut[0], "after_s": cut[1]}
+    return replace(part, report=(*log.report, Repair.of("time_s", REST, count, time[0], **ends)))
 
 
 def _rests_s(time: Array, name: str, values: Array) -> tuple[float, float]:
@@ -135,8 +134,7 @@ def _frozen_repair(name: str, time: Array, frozen: BoolArray) -> Repair:
     """Return the exclusion of the samples (T,) at which a channel is frozen."""
     spans = runs(frozen)
     longest = np.max(time[spans[:, 1] - 1] - time[spans[:, 0]])
-    action = f"repeated for up to {longest:.3g} s; excluded"
-    return Repair(name, FROZEN, len(spans), float(time[np.argmax(frozen)]), action)
+    return Repair.of(name, FROZEN, len(spans), time[np.argmax(frozen)], most_s=longest)
 
 
 def _frozen(log: Log, name: str, values: Array) -> BoolArray:
@@ -253,11 +251,8 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
     parts = [log.between(*edge) for edge in compress(pairwise(edges), is_used)]
     short = is_used.count(False)
     stubs = f" ({short} stretches between them are too short)" * bool(short)
-    action = (
-        f"of up to {worst}; {excluded:.1%} of the log's time is excluded{stubs}, and so are the "
-        "filter transients around them"
-    )
-    repair = Repair("time_s", HOLES, len(gaps), float(gaps[0, 0]), action)
+    what = {"worst": worst, "excluded": excluded, "stubs": stubs}
+    repair = Repair.of("time_s", HOLES, len(gaps), gaps[0, 0], **what)
     first, *others = parts
     report = (*log.report, repair)
     return [replace(first, report=report), *(replace(part, report=()) for part in others)]

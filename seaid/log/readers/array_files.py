@@ -20,7 +20,6 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._files import whole_file
 from seaid.errors import LogError, listed, shortened
-from seaid.log.readers.child_process import read_in_child
 from seaid.log.readers.table import (
     Arrays,
     Refused,
@@ -201,6 +200,8 @@ def open_mat(path: Path) -> Table:
     A field of a structure is "log.q". The longer side of a matrix is time. Raises LogError for an
     invalid file, one without an array of numbers, and from version 7.3 on if h5py is not installed.
     """
+    from seaid.log.readers.child_process import read_in_child
+
     names, arrays = read_in_child(mat_arrays, path, "a MATLAB file", 2e6)
     if not arrays:
         raise LogError(

@@ -6,11 +6,13 @@ Clocks are repaired in `clocks`; gaps, wraps of encoders and dropouts in `channe
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Final, Literal
+from pathlib import Path
+from typing import Annotated, Any, Final, Self
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
+from seaid._files import read_toml
 from seaid._progress import Display
 from seaid.errors import LogError
 from seaid.log.channels import Quantity, check_size, quantity_of
@@ -69,31 +71,7 @@ class Repairs(Display):
         Reader(LogError).table(types_of(Repairs), vars(self), "Repairs")
 
 
-Fault = Literal[
-    "values that are no number",
-    "sudden zeros",
-    "held values",
-    "values of a slower sensor",
-    "constant channel",
-    "wraps",
-    "saturated samples",
-    "clock offset",
-    "clock drift",
-    "stamps that are not finite",
-    "late samples",
-    "repeated stamps",
-    "stamps with too few digits",
-    "clock jumps",
-    "irregular steps",
-    "gaps",
-    "holes in time",
-    "delay",
-    "excluded intervals",
-    "rest at the ends",
-    "frozen values",
-    "samples of unclear load",
-]
-"""Kinds of the faults of a log."""
+_FAULTS = read_toml(Path(__file__).with_name("faults.toml"), "the faults of logs", LogError)
 
 FOUND_CONTACT: Final = "samples of unclear load"
 """The kind of what the report of a log has about a contact that was found from torques."""
@@ -106,7 +84,7 @@ class Repair(Display):
     Attributes
     ----------
     channel, kind : str
-        The channel, or the first of the channels, and the kind of the fault.
+        The channel, or the first of the channels, and the kind of the fault, as faults.toml has it.
     count : int
         Number of samples or places with the fault.
     time_s : float
@@ -116,10 +94,15 @@ class Repair(Display):
     """
 
     channel: str
-    kind: Fault
+    kind: str
     count: int
     time_s: float
     action: str
+
+    @classmethod
+    def of(cls, channel: str, kind: str, count: int, time_s: float, **values: Any) -> Self:
+        """Return the repair of a kind of faults.toml, with values for the braces of its action."""
+        return cls(channel, kind, count, float(time_s), _FAULTS["actions"][kind].format(**values))
 
     def __str__(self) -> str:
         time = f"{self.time_s:.6g}" if abs(self.time_s) < 1e5 else f"{self.time_s:.2f}"
@@ -135,16 +118,17 @@ class Report:
     repairs: list[Repair] = field(default_factory=list)
 
     def add(
-        self, channel: str, kind: Fault, time: Array, where: BoolArray | IndexArray, action: str
+        self, channel: str, kind: str, time: Array, where: BoolArray | IndexArray, **values: Any
     ) -> None:
         """Add a fault of the samples of a mask or with these numbers, if there are any."""
         rows = np.flatnonzero(where) if where.dtype == bool else where
         if len(rows):
-            self.repairs.append(Repair(channel, kind, len(rows), float(time[rows[0]]), action))
+            self.repairs.append(Repair.of(channel, kind, len(rows), time[rows[0]], **values))
 
-    def check(self, limit: str, size: float, fault: str, advice: str) -> None:
-        """Raise LogError for a fault whose size is beyond one of the limits."""
-        allowed = getattr(self.limits, limit)
+    def check(self, code: str, size: float, **values: Any) -> None:
+        """Raise LogError for a fault of faults.toml whose size is beyond its limit."""
+        limit, *texts = (_FAULTS["limits"][code][key] for key in ("limit", "fault", "advice"))
+        allowed, (fault, advice) = getattr(self.limits, limit), (x.format(**values) for x in texts)
         if size > allowed:
             raise LogError(f"{fault}; allowed {allowed:.3g} (Repairs.{limit}): {advice}")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from seaid._arrays import Array, BoolArray, IndexArray, is_constant, resolution,
 from seaid.errors import LogError
 from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of
 from seaid.log.filtering import low_pass
-from seaid.log.repair import FEWEST, Channel, Fault, Repairs, Report
+from seaid.log.repair import FEWEST, Channel, Repairs, Report
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step, typical_step
 
 _CLOSE = 0.3
@@ -397,13 +398,13 @@ class _Remaining:
     report: Report
     lost: int = 0
 
-    def add(self, kind: Fault, where: BoolArray | IndexArray, action: str) -> None:
+    def add(self, kind: str, where: BoolArray | IndexArray, **values: Any) -> None:
         """Report a fault of some samples."""
-        self.report.add(self.channel.name, kind, self.time, where, action)
+        self.report.add(self.channel.name, kind, self.time, where, **values)
 
-    def exclude(self, kind: Fault, bad: BoolArray) -> None:
+    def exclude(self, kind: str, bad: BoolArray) -> None:
         """Exclude and report the samples of a mask (T,)."""
-        self.add(kind, bad, "excluded and interpolated")
+        self.add(kind, bad)
         self.time, self.values = self.time[~bad], self.values[~bad]
         self.lost += int(np.sum(bad))
 
@@ -426,20 +427,14 @@ def _repair_measured(samples: _Remaining) -> None:
     """Exclude what a sensor did not measure. Raises LogError for too much of it."""
     channel, total = samples.channel, samples.lost + len(samples.values)
     if is_constant(samples.values):
-        action = f"it is {samples.values[0]:.6g} all the time; not changed"
-        samples.add("constant channel", np.zeros(1, dtype=np.intp), action)
+        samples.add("constant channel", np.zeros(1, dtype=np.intp), value=samples.values[0])
     samples.exclude("sudden zeros", zero_dropouts(samples.values))
     if channel.quantity.is_slow:  # so that neither repeats nor gaps are faults
         return
     _unwrap(samples)
     _exclude_held(samples)
-    samples.report.check(
-        "most_missing",
-        samples.lost / total,
-        f"'{channel.name}' lacks {samples.lost} of {total} samples (no numbers, sudden zeros or "
-        "held values)",
-        "take a part of the log in which the sensor works, or exclude the column",
-    )
+    lost: dict[str, Any] = {"name": channel.name, "lost": samples.lost, "total": total}
+    samples.report.check("lost_samples", samples.lost / total, **lost)
     if len(samples.values) >= FEWEST:
         _check_saturation(samples)
         _check_gap(samples)
@@ -468,7 +463,7 @@ def _unwrap(samples: _Remaining) -> None:
     if period is not None and len(values) >= FEWEST:
         samples.values, wraps = unwrapped(channel.name, time, values, period)
         origin = "as given" if known else "estimated from the jumps"
-        samples.add("wraps", wraps, f"by {period:.6g} ({origin}), unwrapped")
+        samples.add("wraps", wraps, period=period, origin=origin)
 
 
 def _check_saturation(samples: _Remaining) -> None:
@@ -478,39 +473,27 @@ def _check_saturation(samples: _Remaining) -> None:
     if samples.channel.quantity.interpolation == "spline" or not np.any(stuck):
         return
     level = samples.values[np.argmax(stuck)]
-    action = f"saturated at {level:.4g}, cannot be repaired: not changed"
-    samples.add("saturated samples", stuck, action)
-    samples.report.check(
-        "most_saturated",
-        float(np.mean(stuck)),
-        f"'{samples.channel.name}' is saturated ({level:.4g}) in {np.sum(stuck)} of {len(stuck)} "
-        f"samples, the first at t = {samples.time[np.argmax(stuck)]:.6g} s",
-        "reduce the torques of the motion, or widen the range of the sensor",
-    )
+    samples.add("saturated samples", stuck, level=level)
+    found = {"level": level, "count": np.sum(stuck), "time": samples.time[np.argmax(stuck)]}
+    name, total = samples.channel.name, len(stuck)
+    samples.report.check("saturated", float(np.mean(stuck)), name=name, total=total, **found)
 
 
 def _check_gap(samples: _Remaining) -> None:
     """Raise LogError for a gap that cannot be interpolated; holes are excluded elsewhere."""
-    time, report, hint = samples.time, samples.report, "take the parts before and after it as logs"
+    time, report = samples.time, samples.report
     steps, longest, usual = np.diff(time), bridged_s(time, report.limits), longest_step(time)
     is_limited = report.limits.longest_gap_s is not None
     gap = float(np.max(steps if is_limited else np.where(steps <= longest, steps, 0.0)))
     if gap <= usual or not (is_limited or samples.channel.quantity.is_position):
         return
-    at = f"at t = {time[np.argmax(steps == gap)]:.6g} s"
-    fault = f"'{samples.channel.name}' has a gap of {gap:.3g} s {at}"
+    where = {"gap_s": gap, "time": time[np.argmax(steps == gap)]}
     if is_limited:
-        report.check("longest_gap_s", gap, fault, hint)
+        report.check("gap", gap, name=samples.channel.name, **where)
         return
     error = gap_error(time, samples.values, usual, longest)
     known = f"is {error:.1%}" if error < np.inf else "cannot be estimated, the log is too short"
-    report.check(
-        "most_gap_error",
-        error,
-        f"{fault}: the relative error of interpolating such gaps {known} (rms error over standard "
-        "deviation, from known stretches)",
-        f"{hint}, or set a length of gaps, longest_gap_s, in its place",
-    )
+    report.check("gap_error", error, name=samples.channel.name, known=known, **where)
 
 
 def bridged_s(time: Array, limits: Repairs) -> float:

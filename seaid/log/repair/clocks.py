@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
-from seaid.log.repair import FEWEST, Channel, Fault, Report
+from seaid.log.repair import FEWEST, Channel, Report
 
 _LATE_RUN = 5
 """Most late samples in a row."""
@@ -291,8 +291,8 @@ def with_regular_clock(group: Sequence[Channel], report: Report) -> list[Channel
     off = time[changes] - time[0] - (start + step * changes)
     if np.max(live) < _LIVE or np.ptp(off) > _EVEN * step:
         return list(group)
-    text = f"replaced by a regular clock of {1 / step:.6g} Hz, by the number of samples per stamp"
-    report.add(_clock_name(group), "stamps with too few digits", time, repeats, text)
+    name = _clock_name(group)
+    report.add(name, "stamps with too few digits", time, repeats, rate_hz=1 / step)
     regular = time[0] + start + step * np.arange(len(time))
     return [replace(channel, time=regular) for channel in group]
 
@@ -335,21 +335,12 @@ def _line(group: Sequence[Channel], first: Sequence[Channel], report: Report) ->
     if not drifts and abs(line.offset_s) <= step:
         return None
     line = replace(line, drift=line.drift * drifts)
-    name, name_first = _clock_name(group), _clock_name(first)
-    report.check(
-        "largest_drift",
-        abs(line.drift),
-        f"the clock of {name} drifts by {line.drift:.3g} s/s from that of {name_first}",
-        "check its unit, and that its rows belong to those of the other clock",
-    )
-    faults: list[tuple[Fault, float, str]] = [
-        ("clock offset", line.offset_s, f"{line.offset_s:.6g} s"),
-        ("clock drift", line.drift, f"{line.drift * 1e6:.4g} us/s"),
-    ]
-    for kind, size, text in faults:
-        if size:
-            start = np.array([np.nanargmin(clock)])
-            report.add(name, kind, clock, start, f"{text} relative to {name_first}, removed")
+    name, first_name = _clock_name(group), _clock_name(first)
+    report.check("drift", abs(line.drift), name=name, drift=line.drift, first=first_name)
+    start = np.array([np.nanargmin(clock)])
+    sizes = {"offset_s": line.offset_s, "drift_us_per_s": line.drift * 1e6, "first": first_name}
+    for kind, size in (("clock offset", line.offset_s), ("clock drift", line.drift)):
+        report.add(name, kind, clock, start[: size != 0.0], **sizes)
     return line
 
 
@@ -371,18 +362,14 @@ def repaired_group(group: Sequence[Channel], report: Report) -> RepairedClock:
     clock = repaired_clock(name, raw, values, longest_s)
     repeats = np.concatenate([[False], np.diff(clock.time) <= 0])
     jumps = ", ".join(f"{size:.4g} s" for _, size in clock.jumps)
-    faults: list[tuple[Fault, Sequence[int] | IndexArray, str]] = [
-        ("stamps that are not finite", clock.unknown, "their samples were excluded"),
-        ("late samples", clock.late, "sorted into place"),
-        ("repeated stamps", clock.rows[repeats], "the first sample of each was kept"),
-        (
-            "clock jumps",
-            [row for row, _ in clock.jumps],
-            f"of {jumps}, removed: the values are continuous",
-        ),
-    ]
-    for kind, rows, action in faults:
-        report.add(name, kind, raw, np.maximum(np.asarray(rows, dtype=np.intp) - 1, 0), action)
+    faults = {
+        "stamps that are not finite": clock.unknown,
+        "late samples": clock.late,
+        "repeated stamps": clock.rows[repeats],
+        "clock jumps": np.array([row for row, _ in clock.jumps], dtype=np.intp),
+    }
+    for kind, rows in faults.items():
+        report.add(name, kind, raw, np.maximum(rows - 1, 0), jumps=jumps)
     # Repeated stamps with equal values are copies; those with other values are samples at a time
     # that is not known, and only these count for the limit.
     changes = np.diff(values[clock.rows], axis=0, prepend=np.nan)  # NaN differs from any value
@@ -395,15 +382,8 @@ def repaired_group(group: Sequence[Channel], report: Report) -> RepairedClock:
 def _check_order(name: str, raw: Array, rows: IndexArray, report: Report) -> None:
     """Raise LogError for too many stamps that are out of order."""
     first = float(raw[max(int(np.min(rows, initial=len(raw))) - 1, 0)])
-    report.check(
-        "most_disordered",
-        len(rows) / len(raw),
-        f"the clock of {name}: {len(rows)} of {len(raw)} stamps are late, repeated with other "
-        f"values or not finite, the first near t = {first:.6g} s",
-        "check that the time has all its digits, log finer stamps, sort the log, or, if the "
-        "samples are equidistant, give their rate in the description of the log: "
-        f"time = {{ rate_hz = {_mean_rate(raw)} }}",
-    )
+    stamps = {"count": len(rows), "total": len(raw), "time": first, "rate_hz": _mean_rate(raw)}
+    report.check("order", len(rows) / len(raw), name=name, **stamps)
 
 
 def _mean_rate(raw: Array) -> str:
@@ -419,18 +399,12 @@ def _report_steps(name: str, time: Array, report: Report) -> None:
     steps = np.diff(time)
     gaps, irregular = steps > longest_step(time), irregular_steps(time)
     if np.sum(irregular) > np.sum(gaps):
-        action = f"steps of {np.min(steps):.3g} to {np.max(steps):.3g} s, resampled"
-        report.add(name, "irregular steps", time, irregular, action)
+        ends = {"least_s": np.min(steps), "most_s": np.max(steps)}
+        report.add(name, "irregular steps", time, irregular, **ends)
     lost = float(np.sum(steps[gaps]) / (time[-1] - time[0]))
     longest = report.limits.longest_gap_s or longest_bridge(time)
     over = int(np.sum(steps > longest))
     done = f"bridged, {over} above {longest:.3g} s excluded" if over else "bridged"
-    action = f"of up to {np.max(steps):.3g} s, {done}: {lost:.1%} of the time"
-    report.add(name, "gaps", time, gaps, action)
-    report.check(
-        "most_missing",
-        lost,
-        f"the clock of {name} has gaps with {lost:.1%} of the time in them ({np.sum(gaps)}), the "
-        f"first at t = {time[np.argmax(gaps)]:.6g} s",
-        "take a part of the log without them",
-    )
+    report.add(name, "gaps", time, gaps, most_s=np.max(steps), done=done, lost=lost)
+    first = {"count": np.sum(gaps), "time": time[np.argmax(gaps)]}
+    report.check("time_in_gaps", lost, name=name, lost=lost, **first)
