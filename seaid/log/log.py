@@ -189,8 +189,10 @@ class Log(Display):
                 if len(column) != shape[0]:
                     raise LogError(f"{name} has {len(column)} samples, time has {shape[0]}")
         _check_time(self.time)
+        advice = "leave the whole column NaN if there is no such sensor"
         for name, column in self.columns().items():
-            _check_column(name, column)
+            channels.check_finite(f"column '{name}'", column, advice)
+            channels.check_size(f"column '{name}'", column, LARGEST)
 
     def sensors(self, joints: Sequence[str] | None = None) -> dict[str, Array]:
         """Return {field: samples (T, n)} of all fields that are not None, of `joints` if given."""
@@ -269,12 +271,6 @@ def _check_time(time: Array) -> None:
                 f"{_TOO_FEW_DIGITS if is_coarse else ''}",
                 *("repair=seaid.Repairs()", "seaid.describe_log", "rate_hz="),
             )
-
-
-def _check_column(name: str, column: Array) -> None:
-    advice = "leave the whole column NaN if there is no such sensor"
-    channels.check_finite(f"column '{name}'", column, advice)
-    channels.check_size(f"column '{name}'", column, LARGEST)
 
 
 _NEEDED = channels.SENSORS[:4]

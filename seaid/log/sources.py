@@ -464,13 +464,9 @@ def _servo_voltage(data: Block, servo: Servo) -> Array:
     after the step of the goal.
     """
     goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain)
-    before = np.concatenate([goal[:1], goal[:-1]])
-    duties = [
-        np.clip(gain * (target - data[servo.position]), -servo.limit, servo.limit)
-        for target in (before, goal)
-    ]
-    voltage: Array = 0.5 * (duties[0] + duties[1]) * _number(data, servo.supply)
-    return voltage
+    goals = np.array([[*goal[:1], *goal[:-1]], goal])  # before and after each step
+    duties = np.clip(gain * (goals - data[servo.position]), -servo.limit, servo.limit)
+    return np.asarray(0.5 * (duties[0] + duties[1]) * _number(data, servo.supply))
 
 
 def _number(data: Block, value: str | float | None) -> Array | float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
@@ -214,10 +214,11 @@ def load_project(path: str | Path = PROJECT_FILE) -> Project:
     file = Path(path) / (PROJECT_FILE if Path(path).is_dir() else "")
     if not file.exists():
         raise SeaidError(f"cannot read the project '{file}': seaid init URDF LOG writes one")
-    where, reader = f"'{file}'", Reader(SeaidError, file.parent)
+    where, reader = f"'{file}'", Reader(SeaidError, file.parent, {Contact: "link"})
     content = read_toml(file, "the project", SeaidError)
-    if content.get("known_bodies") == "all":
-        content["known_bodies"] = ["all"]
+    for key in ("known_bodies", "contacts"):  # one alone needs no list
+        if key in content and not isinstance(content[key], list):
+            content[key] = [content[key]]
     values = reader.table(_OF_PROJECT, content, where, needed=["urdf"])
     run = reader.table(_OF_RUN, values.pop("run", {}), f"{where} [run]")
     logs = tuple(_log(reader, *table) for table in _tables(reader, values, "log", where))
@@ -226,7 +227,6 @@ def load_project(path: str | Path = PROJECT_FILE) -> Project:
     values["experiment"] = {name: str(x) for name, x in values.get("experiment", {}).items()}
     return Project(
         file=file,
-        contacts=tuple(_contacts(reader, values.pop("contacts", []), where)),
         options=values.pop("identify", Options()),
         **values,
         payloads=FrozenMapping(payloads),
@@ -253,8 +253,8 @@ _ROBOT = (
 )
 _OF_PROJECT = {
     **{"urdf": str, "experiment": Mapping[str, Any], "identify": Options},
-    **{key: _HINTS[key] for key in _ROBOT},
-    **dict.fromkeys(("contacts", "payload", "log", "run"), Any),
+    **{key: _HINTS[key] for key in (*_ROBOT, "contacts")},
+    **dict.fromkeys(("payload", "log", "run"), Any),
 }
 _OF_RUN = {key: _HINTS[key] for key in ("folder", "write", "fail_on")}
 _OF_LOG = {"file": Path, **types_of(ProjectLog)}
@@ -281,16 +281,6 @@ def _log(reader: Reader, table: Any, where: str) -> ProjectLog:
     if (file is None) == (not several):
         raise SeaidError(f"{where}: give either 'file' or 'files' of one motion")
     return ProjectLog(several or (file,), **values)
-
-
-def _contacts(reader: Reader, value: Any, where: str) -> Iterator[Contact]:
-    """Yield the contacts of a list of links, or of tables as { link = "foot", radius_m = 0.02 }."""
-    for number, entry in enumerate(value if isinstance(value, list) else [value], 1):
-        content = {"link": entry} if isinstance(entry, str) else entry
-        if not isinstance(content, Mapping):
-            wanted = 'a list of links or of tables, as { link = "foot" }'
-            raise reader.refusal(value, wanted, "contacts", where)
-        yield reader.instance(Contact, content, f"{where} contacts {number}")
 
 
 def _payloads(

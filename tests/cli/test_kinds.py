@@ -100,9 +100,9 @@ def test_a_project_file_has_the_base_and_its_contacts(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"FL_foot"', "3", "'contacts' must be a list of links or of tables"),
+        ('"FL_foot"', "3", r"contacts\[0\]\]: 'link' must be a text, found 3"),
         ("{ link = ", "{ links = ", "no key is named 'links'; did you mean 'link'"),
-        ('link = "RR_foot", ', "", "contacts 3: key 'link' is missing"),
+        ('link = "RR_foot", ', "", r"contacts\[2\]\]: key 'link' is missing"),
         ("floating", "flying", "no value is named 'flying'"),
     ],
 )

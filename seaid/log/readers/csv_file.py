@@ -95,11 +95,6 @@ class _Header:
         is_delimited = numbers.width == 1 or self.delimiter == numbers.delimiter
         return len(self.names) == numbers.width and is_delimited
 
-    @property
-    def other_decimal(self) -> str:
-        """The decimal sign that its numbers do not have, but those of single columns may."""
-        return "," if self.decimal == "." else "."
-
 
 def open_csv(path: Path) -> Table:
     """Return the columns of a file delimited by commas, semicolons, tabs, bars or spaces.
@@ -388,7 +383,8 @@ def _numbers(header: _Header, place: int, rows: Mapping[int, list[str]]) -> Arra
     own, unread = _read(cells, header.decimal)
     if not (np.any(unread) or _is_doubtful(cells, own, header.decimal)):
         return own
-    other, strange = _read(cells, header.other_decimal)
+    # The other decimal sign, which those of a single column may have.
+    other, strange = _read(cells, "," if header.decimal == "." else ".")
     if np.any(unread) and not np.any(strange) and header.delimiter != ",":
         return other
     wrong = np.nan_to_num(own) != np.nan_to_num(other)
