@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -177,11 +177,9 @@ class Source:
 
     def plain(self, key: str = "column") -> Any:
         """Return the source as TOML has it, without default values, with its columns as `key`."""
-        table = _plain(self)
+        table = _changed(self)
         if table.pop("columns", ()):
             table = {key: _in_short(self.columns), **table}
-        if self.time:
-            table["time"] = _short(_plain(self.time))
         return _short(table, key)
 
 
@@ -284,20 +282,10 @@ class LogDescription(Display):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as mappings of plain data without default values."""
-        content = {
-            "files": list(self.files),
-            "time": self.time and _short(_plain(self.time)),
-            "where": self.where,
-            "exclude_s": [list(interval) for interval in self.exclude_s],
-            "joints": {
-                joint: {name: source.plain() for name, source in sources.items()}
-                for joint, sources in self.joints.items()
-            },
-            "base": _vectors(self.base),
-            "contacts": {link: _vectors(foot) for link, foot in self.contacts.items()},
-            "repair": _plain(self.repair),
-        }
-        return {key: x for key, x in content.items() if x not in (None, [], {}) or key == "joints"}
+        values = {name: _plain(getattr(self, name)) for name in ("files", *types_of(type(self)))}
+        feet = {link: _vectors(foot) for link, foot in self.contacts.items()}
+        values |= {"base": _vectors(self.base), "contacts": feet}
+        return {key: x for key, x in values.items() if x not in (None, [], {}) or key == "joints"}
 
     def to_toml(self) -> str:
         """Return the description as the text of a TOML file."""
@@ -310,17 +298,24 @@ def _vectors(sources: Mapping[str, Source]) -> dict[str, Any]:
     """Return a table of vectors as plain data, with their clock, which is that of the table."""
     clock = next((source.time for source in sources.values() if source.time), None)
     table = {name: replace(x, time=None).plain("columns") for name, x in sources.items()}
-    return table if clock is None else {"time": _short(_plain(clock)), **table}
+    return table if clock is None else {"time": _plain(clock), **table}
 
 
-def _plain(instance: Any) -> dict[str, Any]:
-    """Return a dataclass as a mapping without default values."""
-    default = {each.name: each.default for each in fields(instance)}
-    changed = {key: value for key, value in asdict(instance).items() if value != default[key]}
-    return {
-        key: _plain(getattr(instance, key)) if isinstance(value, dict) else value
-        for key, value in changed.items()
-    }
+def _plain(value: Any) -> Any:
+    """Return a value as plain data; a dataclass is a mapping without default values, or short."""
+    if isinstance(value, Source):
+        return value.plain()
+    if is_dataclass(value):
+        return _short(_changed(value))
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [*map(_plain, value)] if isinstance(value, tuple) else value
+
+
+def _changed(instance: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that differ from their defaults, as plain data."""
+    values = ((each, getattr(instance, each.name)) for each in fields(instance))
+    return {each.name: _plain(value) for each, value in values if value != each.default}
 
 
 def _short(table: dict[str, Any], key: str = "column") -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 
 from seaid._arrays import Array, as_float
 from seaid.errors import LogError, reason_of
-from seaid.log.readers.table import Block, Table, check_columns, check_memory, no_numbers
+from seaid.log.readers.table import Refused, Table, check_columns, check_memory, held, no_numbers
 
 _GROWTH = 10.0
 """Bytes in memory per byte of JSON."""
@@ -41,16 +41,11 @@ def open_json(path: Path) -> Table:
         )
     length = max(map(len, data.values()))
     check_columns(path, len(data) + len(constants))
-    check_memory(path, 8.0 * length * len(constants))
+    check_memory(path, 8.0 * length * (len(data) + len(constants)))
     for name, value in constants.items():
         # A column of the records has precedence over a constant of its name.
         data.setdefault(name, [value] * length)
-
-    def load(wanted: list[str]) -> Block:
-        check_memory(path, 8.0 * sum(len(data[name]) for name in wanted))
-        return {name: _numbers(path, name, data[name]) for name in wanted}
-
-    return Table(list(data), load)
+    return held(path, {name: _numbers(path, name, values) for name, values in data.items()})
 
 
 def _content(path: Path) -> Any:
@@ -109,9 +104,9 @@ def _lists_by_name(path: Path, content: Mapping[str, Any]) -> dict[str, list[Any
     return data
 
 
-def _numbers(path: Path, name: str, values: list[Any]) -> Array:
-    """Return a column as numbers; null is NaN."""
+def _numbers(path: Path, name: str, values: list[Any]) -> Array | Refused:
+    """Return a column as numbers; null is NaN, and anything else is refused when it is wanted."""
     strange = next((value for value in values if not isinstance(value, Real | None)), None)
     if strange is not None:
-        raise no_numbers(path, name, type(strange).__name__, (len(values),))
+        return Refused(no_numbers(path, name, type(strange).__name__, (len(values),)))
     return np.array([math.nan if value is None else as_float(value) for value in values])
