@@ -1,15 +1,18 @@
-"""Files of arrays by name: NumPy (.npz, .npy), HDF5 by h5py, and MATLAB (.mat) by scipy or h5py.
+"""Files of arrays by name: NumPy (.npz, .npy), HDF5, MATLAB (.mat) and Parquet.
 
-A column is an array (T,), or "name[i]" of an array (T, k). `pip install 'seaid[hdf5]'` has h5py.
-MATLAB's files are read in a child process, since a compressed part may request any memory.
+A column is an array (T,), or "name[i]" of an array (T, k). HDF5, and MATLAB from version 7.3 on,
+are read by h5py (`pip install 'seaid[hdf5]'`), older files of MATLAB by scipy, and Parquet by
+pyarrow (`seaid[parquet]`). MATLAB's files are read in a child process, since a compressed part may
+request any memory.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -22,13 +25,16 @@ from seaid._files import whole_file
 from seaid.errors import LogError, listed, shortened
 from seaid.log.readers.table import (
     Arrays,
+    Blocks,
     Refused,
     Table,
     check_columns,
     check_memory,
     damaged,
     held,
+    in_pieces,
     is_number,
+    no_numbers,
     optional,
     table_of_arrays,
 )
@@ -242,3 +248,65 @@ def _arrays_in(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         # HDF5 has the dimensions in reverse.
         array = value if isinstance(value, np.ndarray) else np.asarray(value).T
         yield name, array.reshape(len(array), -1)
+
+
+_PARQUET = "a Parquet file"
+
+
+def open_parquet(path: Path) -> Table:
+    """Return a Parquet file's columns; nulls are NaN, timestamps count [s] from the first."""
+    parquet = optional("pyarrow.parquet", "parquet", path)
+    arrow = optional("pyarrow", "parquet", path)
+    with damaged(path, _PARQUET), parquet.ParquetFile(path) as file:
+        check_columns(path, len(file.schema_arrow))
+        names = list(file.schema_arrow.names)
+
+    def blocks(wanted: list[str], size: int) -> Blocks:
+        starts: dict[str, Any] = {}
+        with damaged(path, _PARQUET), parquet.ParquetFile(path) as file:
+            _check_kinds(path, file, wanted, arrow.types)
+            rows = min(size, max(file.metadata.num_rows, 1))
+            check_memory(path, 8.0 * rows * len(wanted), pieces=size < sys.maxsize)
+            batch = None
+            for batch in file.iter_batches(rows, columns=wanted):
+                yield {name: _numbers_of(name, batch[name], starts, arrow.types) for name in wanted}
+            # A file without rows has no batch, and a reader in pieces needs the names of one.
+            if batch is None:
+                yield {name: np.zeros(0) for name in wanted}
+
+    return in_pieces(names, blocks)
+
+
+def write_parquet(path: Path, data: Mapping[str, Array]) -> None:
+    """Write columns atomically. Raises LogError if pyarrow is not installed."""
+    parquet = optional("pyarrow.parquet", "parquet", path)
+    arrow = optional("pyarrow", "parquet", path)
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        parquet.write_table(arrow.table(dict(data)), file)
+
+
+def _check_kinds(path: Path, file: Any, wanted: Sequence[str], types: Any) -> None:
+    """Raise LogError for columns that are not numbers, booleans or timestamps."""
+    numbers = ("integer", "floating", "boolean", "timestamp", "date", "decimal", "null")
+    schema = file.schema_arrow  # every access builds a new schema
+    for name in wanted:
+        places = schema.get_all_field_indices(name)
+        if len(places) != 1:
+            raise LogError(f"'{path}': column '{shortened(name)}' exists {len(places)} times")
+        kind = schema.field(places[0]).type
+        inner = kind.value_type if types.is_dictionary(kind) else kind
+        if not any(getattr(types, f"is_{number}")(inner) for number in numbers):
+            raise no_numbers(path, name, kind, (file.metadata.num_rows,))
+
+
+def _numbers_of(name: str, column: Any, starts: dict[str, Any], types: Any) -> Array:
+    """Return a column as numbers; timestamps since the first one, which `starts` keeps."""
+    if types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if not (types.is_timestamp(column.type) or types.is_date(column.type)):
+        column = column.cast("float64", safe=False)  # integers may be rounded
+    values = column.to_numpy(zero_copy_only=False)
+    if values.dtype.kind == "M":
+        # Since the first of all pieces, in integers: float64 has no nanoseconds since 1970.
+        values = (values - starts.setdefault(name, values[:1])) / np.timedelta64(1, "s")
+    return np.asarray(values)

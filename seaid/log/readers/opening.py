@@ -16,11 +16,10 @@ import numpy as np
 
 from seaid._files import working_folder
 from seaid.errors import LogError, listed, reason_of, shortened
-from seaid.log.readers.array_files import open_hdf5, open_mat, open_npy, open_npz
+from seaid.log.readers.array_files import open_hdf5, open_mat, open_npy, open_npz, open_parquet
 from seaid.log.readers.csv_file import open_csv
 from seaid.log.readers.hebi_log import open_hebilog
 from seaid.log.readers.json_file import open_json
-from seaid.log.readers.parquet_file import open_parquet
 from seaid.log.readers.ros_bag import open_bag
 from seaid.log.readers.table import IN_MEMORY, Block, Table, check_names, held
 
