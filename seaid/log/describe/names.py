@@ -174,7 +174,7 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
 
     The words of one of the `joints` of a robot are its name, and nothing else.
     """
-    parts = _parts_of(name, joints)
+    parts = _Parts(name, joints)
     quantity, joint = _quantity_and_joint(parts, joints)
     side = _side_of(parts)
     unit, joint = _unit_and_joint(parts, quantity, side, joint)
@@ -203,7 +203,6 @@ def _role(texts: Sequence[str], quantity: str) -> Role:
     return "command" if is_signal and _has(texts, "commanded") else "derived"
 
 
-@dataclass(frozen=True)
 class _Parts:
     """The parts of a name: a topic, the field behind it, and what stands in its brackets.
 
@@ -213,33 +212,26 @@ class _Parts:
     brackets, or of the robot.
     """
 
-    topic: list[list[str]]
-    of_topic: str
-    field: str
-    words: list[_Word]
-    texts: list[str]
-    quantity: str
-    joint: str
-    label: str
-    unit: Unit | None
-
-
-def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
-    """Return the parts of a name."""
-    head, label, unit = _without_brackets(name.translate(_SIGNS))
-    path = head.split("/") if head.startswith("/") else [head]
-    topic, of_topic = _topic(path[1:-1], joints)
-    field = _in_latin(path[-1])
-    joint, words = _joint_of(label, joints), _words(field)
-    if not label:
-        joint, words = _joint_in(words, joints)
-    texts = [word.text for word in words]
-    quantity = "time" if _is_clock(words, label, unit) else _quantity(texts)
-    # The unit becomes the word of its quantity, so that it does not count for the joint's label.
-    if not quantity and (by_unit := _unit_of(words, "", "", joint) or _counts_of(words, unit)):
-        quantity = by_unit[0]
-        words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
-    return _Parts(topic, of_topic, field, words, texts, quantity, joint, label, unit)
+    def __init__(self, name: str, joints: Sequence[str]) -> None:
+        head, self.label, self.unit = _without_brackets(name.translate(_SIGNS))
+        path = head.split("/") if head.startswith("/") else [head]
+        self.topic, self.of_topic = _topic(path[1:-1], joints)
+        self.field = _in_latin(path[-1])
+        self.joint, words = _joint_of(self.label, joints), _words(self.field)
+        if not self.label:
+            self.joint, words = _joint_in(words, joints)
+        self.texts = [word.text for word in words]
+        is_time = _is_clock(words, self.label, self.unit)
+        quantity = "time" if is_time else _quantity(self.texts)
+        # The unit becomes the word of its quantity, so that it does not count for the joint's
+        # label.
+        known = not quantity and (
+            _unit_of(words, "", "", self.joint) or _counts_of(words, self.unit)
+        )
+        if known:
+            quantity = known[0]
+            words = [replace(x, text=quantity) if x.unit == known else x for x in words]
+        self.words, self.quantity = words, quantity
 
 
 def _topic(path: Sequence[str], joints: Sequence[str]) -> tuple[list[list[str]], str]:
