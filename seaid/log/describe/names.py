@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import chain, filterfalse, pairwise, starmap
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from seaid._files import read_toml
 from seaid.errors import LogError
@@ -50,7 +50,6 @@ _DOTS = (
 """Letters with the dots of a derivative, and the quantities that they stand for."""
 
 
-@dataclass(frozen=True)
 class Vocabulary:
     """The words of vocabulary.toml, and the spellings of units.
 
@@ -68,39 +67,34 @@ class Vocabulary:
         As in "TORQUE_MNM".
     """
 
-    tables: Mapping[str, Any]
-    quantities: Mapping[str, str]
-    roles: Mapping[str, frozenset[str]]
-    units: Mapping[str, Unit]
-    small: Mapping[str, Unit]
+    def __init__(self) -> None:
+        path = Path(__file__).with_name("vocabulary.toml")
+        self.tables = tables = read_toml(path, "the words of column names", LogError)
+        words = {
+            name: frozenset(text.split())
+            for table in ("roles", "marks")
+            for name, text in tables[table].items()
+        }
+        self.quantities: Mapping[str, str] = {
+            word: kind for kind, text in tables["quantities"].items() for word in text.split()
+        }
+        of_quantities = frozenset(self.quantities)
+        of_roles = (words[x] for x in tables["roles"].keys() - {"joint"})
+        not_of_joints = of_quantities.union(*of_roles)
+        self.roles: Mapping[str, frozenset[str]] = words | {
+            "computed": words["commanded"] | words["derived"] | words["elsewhere"],
+            "understood": not_of_joints | words["joint"] | {"jnt"},
+            "no label": not_of_joints,
+            "generic": of_quantities.union(words["motor"], words["joint"], words["filler"]),
+            "desired": of_quantities | words["desired"],
+        }
+        self.units: Mapping[str, Unit] = dict(_spellings())
+        # The first unit of a spelling in small letters counts.
+        self.small = {x.lower(): unit for x, unit in reversed(self.units.items())}
 
 
-@cache
-def vocabulary() -> Vocabulary:
-    """Return the words of column names, which are read from their file once."""
-    path = Path(__file__).with_name("vocabulary.toml")
-    tables = read_toml(path, "the words of column names", LogError)
-    words = {
-        name: frozenset(text.split())
-        for table in ("roles", "marks")
-        for name, text in tables[table].items()
-    }
-    quantities = {
-        word: kind for kind, text in tables["quantities"].items() for word in text.split()
-    }
-    of_quantities = frozenset(quantities)
-    not_of_joints = of_quantities.union(*(words[x] for x in tables["roles"].keys() - {"joint"}))
-    words |= {
-        "computed": words["commanded"] | words["derived"] | words["elsewhere"],
-        "understood": not_of_joints | words["joint"] | {"jnt"},
-        "no label": not_of_joints,
-        "generic": of_quantities.union(words["motor"], words["joint"], words["filler"]),
-        "desired": of_quantities | words["desired"],
-    }
-    units = dict(_spellings())
-    # The first unit of a spelling in small letters counts.
-    small = {spelling.lower(): unit for spelling, unit in reversed(units.items())}
-    return Vocabulary(tables, quantities, words, units, small)
+vocabulary = cache(Vocabulary)
+"""Return the words of column names, which are read from their file once."""
 
 
 def _spellings() -> Iterator[tuple[str, Unit]]:
