@@ -318,16 +318,45 @@ class CutoffSelection:
         return f"{self.cutoff_hz:.3g} Hz, {self.reason}"
 
 
-@dataclass(frozen=True)
 class _Spectrum:
-    """A channel: bandwidth of position and velocity, noise limits, noise floor, and if it moves."""
+    """A channel (T,): bandwidth of position and velocity, noise limits, noise floor, if it moves.
 
-    position_hz: float
-    speed_hz: float
-    noise_limit_hz: float
-    coloured_limit_hz: float
-    floor: float
-    moves: bool
+    `order` is that of the derivative whose noise is compared with the motion's.
+    """
+
+    def __init__(self, samples: Array, rate_hz: float, order: int, of_commands: bool) -> None:
+        allowed = _ALLOWED_OF_COMMANDS if of_commands else _ALLOWED
+        frequency, power = periodogram(without_trend(samples), rate_hz)
+        # periodogram ordinates of white noise are chi^2_2: the median is log 2 times the mean
+        white = float(np.median(power[frequency > 0.25 * rate_hz])) / np.log(2)
+        # The median above a quarter of the rate hardly sees the quantisation noise of a slow joint.
+        of_steps, rounding = _noise_of_steps(samples, rate_hz)
+        floor, variance = max(white, of_steps), max(white * rate_hz / 2, rounding)
+        self.floor = floor
+        smooth = np.convolve(power, np.ones(_SMOOTHED_BINS) / _SMOOTHED_BINS, mode="same")
+        # Single ordinates of white noise exceed three times their mean in e^-3 = 5 % of the bins,
+        # means of nine in 0.1 %.
+        seen = (smooth >= _OUTSTANDING * floor) & (frequency <= rate_hz / _RATES)
+        signal = np.where(seen, np.maximum(power - floor, 0.0), 0.0)
+        # a sweep moves too, so the power of the position keeps the linear trend
+        moving = periodogram(samples - np.mean(samples), rate_hz)[1]
+        # `seen` is that of the samples without the trend, whose power the Hann window has in bins
+        # 1 and 2.
+        place = np.where(seen | (frequency <= frequency[2]), np.maximum(moving - floor, 0.0), 0.0)
+        # white noise of density S, differentiated k times: int_0^f S nu^2k dnu
+        # = S f^(2k+1) / (2k+1)
+        exponent = 2 * order
+        noise = floor * frequency ** (exponent + 1) / (exponent + 1)
+        # The factor (2 pi)^2k of the k-th derivative is in neither noise nor motion: it cancels.
+        moved = np.cumsum(signal * frequency**exponent) * frequency[1]
+        self.position_hz = _edge(frequency, place, _POSITION_SHARE)
+        self.speed_hz = _edge(frequency, signal * frequency**2, _VELOCITY_SHARE)
+        self.moves = bool(np.sum(place) * frequency[1] >= _MOVING**2 * variance)
+        limit = _limit(frequency, noise, moved, allowed)
+        self.noise_limit_hz = self.coloured_limit_hz = limit
+        if order == 2 and not of_steps and not of_commands:
+            noise = np.maximum(noise, _coloured_noise(frequency, power, rate_hz))
+            self.coloured_limit_hz = _limit(frequency, noise, moved, allowed)
 
     def limit_hz(self, fastest_hz: float) -> float:
         """Return the limit by both kinds of noise, for the largest bandwidth of the velocities."""
@@ -399,45 +428,8 @@ def _moving_spectra(
             if np.isfinite(samples[0]) and np.ptp(samples) > 0:
                 # Without an encoder at the joint, the accelerations of (8) are the motor's.
                 order = 1 if side == "motor" and np.isfinite(joint[0, index]) else 2
-                spectra[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order, of_commands)
+                spectra[f"{side} side of {name}"] = _Spectrum(samples, rate_hz, order, of_commands)
     return {name: spectrum for name, spectrum in spectra.items() if spectrum.moves}
-
-
-def _spectrum(samples: Array, rate_hz: float, order: int, of_commands: bool) -> _Spectrum:
-    allowed = _ALLOWED_OF_COMMANDS if of_commands else _ALLOWED
-    frequency, power = periodogram(without_trend(samples), rate_hz)
-    # periodogram ordinates of white noise are chi^2_2: the median is log 2 times the mean
-    white = float(np.median(power[frequency > 0.25 * rate_hz])) / np.log(2)
-    # The median above a quarter of the rate hardly sees the quantisation noise of a slow joint.
-    of_steps, rounding = _noise_of_steps(samples, rate_hz)
-    floor, variance = max(white, of_steps), max(white * rate_hz / 2, rounding)
-    smooth = np.convolve(power, np.ones(_SMOOTHED_BINS) / _SMOOTHED_BINS, mode="same")
-    # Single ordinates of white noise exceed three times their mean in e^-3 = 5 % of the bins, means
-    # of nine in 0.1 %.
-    seen = (smooth >= _OUTSTANDING * floor) & (frequency <= rate_hz / _RATES)
-    signal = np.where(seen, np.maximum(power - floor, 0.0), 0.0)
-    # a sweep moves too, so the power of the position keeps the linear trend
-    moving = periodogram(samples - np.mean(samples), rate_hz)[1]
-    # `seen` is that of the samples without the trend, whose power the Hann window has in bins 1, 2.
-    place = np.where(seen | (frequency <= frequency[2]), np.maximum(moving - floor, 0.0), 0.0)
-    # white noise of density S, differentiated k times: int_0^f S nu^2k dnu = S f^(2k+1) / (2k+1)
-    exponent = 2 * order
-    noise = floor * frequency ** (exponent + 1) / (exponent + 1)
-    # The factor (2 pi)^2k of the k-th derivative is in neither noise nor motion: it cancels.
-    moved = np.cumsum(signal * frequency**exponent) * frequency[1]
-    speed_hz = _edge(frequency, signal * frequency**2, _VELOCITY_SHARE)
-    limit = coloured = _limit(frequency, noise, moved, allowed)
-    if order == 2 and not of_steps and not of_commands:
-        noise = np.maximum(noise, _coloured_noise(frequency, power, rate_hz))
-        coloured = _limit(frequency, noise, moved, allowed)
-    return _Spectrum(
-        position_hz=_edge(frequency, place, _POSITION_SHARE),
-        speed_hz=speed_hz,
-        noise_limit_hz=limit,
-        coloured_limit_hz=coloured,
-        floor=floor,
-        moves=bool(np.sum(place) * frequency[1] >= _MOVING**2 * variance),
-    )
 
 
 def without_trend(samples: Array) -> Array:
