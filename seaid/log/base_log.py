@@ -332,12 +332,12 @@ class BaseMotion(Display):
         return replace(self, **_changed(self, lambda values: values[part]) | {"imu": self.imu})
 
 
+States = tuple[Array, Array, Array]
+"""Three signals: positions, velocities and accelerations, or those of `BaseMotion.states`."""
+
+
 def base_motion(
-    robot: Robot,
-    log: BaseLog | None,
-    time: Array,
-    cutoff_hz: float,
-    joints: tuple[Array, Array, Array],
+    robot: Robot, log: BaseLog | None, time: Array, cutoff_hz: float, joints: States
 ) -> BaseMotion:
     """Return the motion of the base on a uniform grid, whose signals pass a low pass.
 

@@ -196,7 +196,10 @@ def _in_short(columns: Sequence[str]) -> Any:
 Sources = Mapping[str, Source]
 """{quantity of a joint, of the base or of a contact: its source}."""
 
-Tables = dict[tuple[str, ...], Sources]
+Key = tuple[str, ...]
+"""The keys of a table of a description: ("joints", joint), ("base",) or ("contacts", link)."""
+
+Tables = dict[Key, Sources]
 """{keys of a table of a description: its sources}."""
 
 
@@ -264,7 +267,7 @@ class LogDescription(Display):
         tables |= {("base",): self.base} if self.base else {}
         return tables | {("contacts", link): sources for link, sources in self.contacts.items()}
 
-    def with_tables(self, tables: Mapping[tuple[str, ...], Sources]) -> LogDescription:
+    def with_tables(self, tables: Mapping[Key, Sources]) -> LogDescription:
         """Return the description with the tables that have sources in place of its own."""
 
         def of(kind: str) -> dict[str, Sources]:
@@ -438,7 +441,7 @@ _READER = Reader(LogError, short={Clock: "column"})
 
 def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
     values = _READER.table(_TOP_LEVEL, content, where)
-    tables: dict[tuple[str, ...], Any] = {("base",): values.pop("base", {})}
+    tables: dict[Key, Any] = {("base",): values.pop("base", {})}
     for kind in ("joints", "contacts"):
         tables |= {(kind, owner): table for owner, table in values.pop(kind, {}).items()}
     read = {

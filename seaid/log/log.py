@@ -304,11 +304,7 @@ _NEEDS = {
 
 
 def _check_sensors(
-    robot: Robot,
-    joint: str,
-    logged: Mapping[str, str],
-    picked: Iterable[str],
-    file_names: Sequence[str],
+    robot: Robot, joint: str, logged: Mapping[str, str], picked: Iterable[str], names: Sequence[str]
 ) -> None:
     """Raise LogError if {column: field} of a joint are too few for its drive."""
     elastic, fields = robot.drives[joint].is_elastic, {*logged.values()}
@@ -317,11 +313,11 @@ def _check_sensors(
     # An elastic joint without its own encoder is identified from the motor's side alone.
     needs_both = elastic and not {"motor_position", "motor_torque"} <= fields
     if len(fields & {"motor_position", "joint_position"}) <= needs_both or not is_enough:
-        names = channels.column_names(joint, robot.is_prismatic[robot.index(joint)])
-        missing = [name for name in names if name not in logged]
-        advice = f"its columns are {', '.join(names)}{near_names(missing, picked, file_names)}"
-        if own_names(robot).isdisjoint(file_names):
-            advice = f"its description names columns of the file, which are {listed(file_names)}"
+        columns = channels.column_names(joint, robot.is_prismatic[robot.index(joint)])
+        missing = [column for column in columns if column not in logged]
+        advice = f"its columns are {', '.join(columns)}{near_names(missing, picked, names)}"
+        if own_names(robot).isdisjoint(names):
+            advice = f"its description names columns of the file, which are {listed(names)}"
         raise LogError(
             f"joint '{joint}' needs {_NEEDS[elastic]}, "
             f"found {', '.join(logged.values()) or 'none'}",

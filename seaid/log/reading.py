@@ -35,9 +35,16 @@ from seaid.log.repair.clocks import (
     with_regular_clock,
 )
 from seaid.log.sources import Selection, completed, of_other_names, selected
+from seaid.log.tables import Interval
 from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]
+
+Stamped = dict[str, tuple[Array, Array]]
+"""{channel: its times and its samples}."""
+
+Repaired = tuple[Array, Block, tuple[Repair, ...]]
+"""Time, {channel: samples at these times}, and what was repaired."""
 
 
 @checked(LogError)
@@ -171,11 +178,8 @@ def _described_files(
 
 
 def _on_time(
-    time: Array,
-    picked: dict[str, Array],
-    delays_s: Mapping[str, float],
-    intervals: Sequence[tuple[float, float]],
-) -> tuple[Array, dict[str, Array], tuple[Repair, ...]]:
+    time: Array, picked: Block, delays_s: Mapping[str, float], intervals: Sequence[Interval]
+) -> Repaired:
     """Return time, samples and repairs without the described delays and excluded intervals."""
     # Delays before everything that combines channels: deflections and rotations need one instant.
     covered, moved = on_time(time, picked, delays_s)
@@ -232,9 +236,7 @@ _MOST_NAMED = 5
 """Most columns that one warning names."""
 
 
-def repaired(
-    channels: Sequence[Channel], limits: Repairs | None = None
-) -> tuple[Array, dict[str, Array], tuple[Repair, ...]]:
+def repaired(channels: Sequence[Channel], limits: Repairs | None = None) -> Repaired:
     """Return a uniform time grid (T,) [s], {channel: samples (T,)}, and the report of repairs.
 
     The grid is on the clock of the first channel and covers the time that all channels share,
@@ -258,11 +260,9 @@ def repaired(
     return time, {x.name: sampled.get(x.name, nothing) for x in channels}, tuple(report.repairs)
 
 
-def _repaired_channels(
-    clocks: Sequence[Sequence[Channel]], report: Report
-) -> dict[str, tuple[Array, Array]]:
-    """Return {channel: times and samples}, on the first clock, of channels with enough samples."""
-    usable: dict[str, tuple[Array, Array]] = {}
+def _repaired_channels(clocks: Sequence[Sequence[Channel]], report: Report) -> Stamped:
+    """Return the channels with enough samples, on the first clock."""
+    usable: Stamped = {}
     for group, line in zip(clocks, clock_lines(clocks, report), strict=True):
         clock = repaired_group(group, report)
         for channel in group:
@@ -274,7 +274,7 @@ def _repaired_channels(
     return usable
 
 
-def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]) -> bool:
+def _changed(channels: Sequence[Channel], usable: Stamped) -> bool:
     """Return whether samples were removed or moved, or the steps are irregular."""
 
     def is_changed(channel: Channel) -> bool:
@@ -286,9 +286,7 @@ def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]
     return bool(np.any(irregular_steps(channels[0].time))) or any(map(is_changed, channels))
 
 
-def _on_grid(
-    usable: dict[str, tuple[Array, Array]], report: Report
-) -> tuple[Array, dict[str, Array]]:
+def _on_grid(usable: Stamped, report: Report) -> tuple[Array, Block]:
     """Return the channels on a uniform grid over their common time, without their holes.
 
     The last command of a channel holds to the end, and between commands there is no hole.
@@ -313,9 +311,7 @@ def _on_grid(
     return grid[~in_hole], {name: values[~in_hole] for name, values in sampled.items()}
 
 
-def _common_time(
-    times: Mapping[str, Array], measured: Sequence[str], report: Report
-) -> tuple[float, float]:
+def _common_time(times: Block, measured: Sequence[str], report: Report) -> tuple[float, float]:
     """Return start and end of what all channels share. Raises LogError if that is too little."""
     late = max(times, key=lambda name: times[name][0])
     early = min(measured, key=lambda name: times[name][-1])

@@ -31,7 +31,7 @@ from seaid.log.channels import (
     column_name,
     short_name,
 )
-from seaid.log.description import Clock, LogDescription, Servo, Source, unit_size
+from seaid.log.description import Clock, Key, LogDescription, Servo, Source, unit_size
 from seaid.log.log import Log, columns_by_joint, near_names, own_names, sorted_log
 from seaid.log.readers.table import Block, Table, check_lengths
 from seaid.log.repair import Channel, Repair
@@ -254,11 +254,7 @@ def completed(table: Table, description: LogDescription, robot: Robot) -> LogDes
 
 
 def _own_sources(
-    table: Table,
-    robot: Robot,
-    key: tuple[str, ...],
-    rows: Mapping[str, Quantity],
-    used: Collection[str],
+    table: Table, robot: Robot, key: Key, rows: Mapping[str, Quantity], used: Collection[str]
 ) -> dict[str, Source]:
     """Return the sources of a table by seaid's own names of their columns, which `Log` checks.
 
@@ -278,14 +274,12 @@ def _own_sources(
     return sources
 
 
-def _rows_of(
-    robot: Robot, links: Iterable[str] = ()
-) -> dict[tuple[str, ...], Mapping[str, Quantity]]:
+def _rows_of(robot: Robot, links: Iterable[str] = ()) -> dict[Key, Mapping[str, Quantity]]:
     """Return {table of a description: the quantities that it may have} of a robot.
 
     Other links than those of contacts may have wrenches.
     """
-    rows = dict[tuple[str, ...], Mapping[str, Quantity]]()
+    rows = dict[Key, Mapping[str, Quantity]]()
     rows |= {("joints", joint): OF_JOINTS for joint in robot.joint_names}
     if not robot.base_is_held:
         rows["base",] = OF_BASE
@@ -321,9 +315,7 @@ def _check_owners(path: Path, description: LogDescription, robot: Robot) -> None
             check_name(kind[:-1], owner, names, LogError, f"'{path}': [{kind}.{owner}]")
 
 
-def _names(
-    where: str, key: tuple[str, ...], row: Quantity, source: Source, robot: Robot
-) -> tuple[str, ...]:
+def _names(where: str, key: Key, row: Quantity, source: Source, robot: Robot) -> tuple[str, ...]:
     """Return the names of the channels of a quantity, also of the part that a planar base needs.
 
     Those of a vector that is to be turned into the frame of `BaseLog`, and of the deflection of a

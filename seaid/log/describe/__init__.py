@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, combinations, permutations
 from pathlib import Path
@@ -182,7 +182,7 @@ def describe_log(
     _set_clocks(inference, clocks, names, table.files)
     gains = _gains(samples, inference)
     check_used(inference, {x for clock in clocks.values() for x in clock.columns()})
-    clock = _common_clock(table, inference, clocks, names, rate_hz)
+    clock = _common_clock(table, inference, clocks, [*names], rate_hz)
     description = LogDescription(time=clock, files=_file_names(paths))
     description = description.with_tables(inference.tables)
     used = description.columns()
@@ -236,11 +236,12 @@ def _places(columns: int, arrays: int, robot: Robot | None) -> Sequence[str]:
     return next((joints for joints in sets if len(joints) == width), ())
 
 
+Clocks = Mapping[str, Clock]
+"""{joint, or file, or "" for all joints: its clock}."""
+
+
 def _set_clocks(
-    inference: Inference,
-    clocks: Mapping[str, Clock],
-    names: Mapping[str, str],
-    files: Mapping[str, str],
+    inference: Inference, clocks: Clocks, names: Mapping[str, str], files: Mapping[str, str]
 ) -> None:
     """Give the sources of each joint its own clock, or that of the file of the column."""
     of_joints = {joint: clocks[tag] for tag, joint in names.items() if tag and tag in clocks}
@@ -287,11 +288,7 @@ def _constant(values: Array) -> float | None:
 
 
 def _common_clock(
-    table: Table,
-    inference: Inference,
-    clocks: Mapping[str, Clock],
-    labels: Collection[str],
-    rate_hz: float | None,
+    table: Table, inference: Inference, clocks: Clocks, labels: Sequence[str], rate_hz: float | None
 ) -> Clock | None:
     """Return the clock of all joints, None if each has its own or no column looks like one."""
     if table.clocks or not clocks.keys().isdisjoint(table.files.values()):

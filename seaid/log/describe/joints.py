@@ -281,6 +281,10 @@ _USUAL_UNITS = {
 """{quantity: the unit of its columns that a description need not state}."""
 
 
+_PLAIN = Source()
+"""A source in SI units, of no column yet."""
+
+
 @dataclass(frozen=True)
 class _Columns:
     """The columns of one joint, and the sources that were selected of them."""
@@ -306,13 +310,7 @@ class _Columns:
         self.inference.note(about, doubt, is_usual=is_usual, **values)
 
     def take(
-        self,
-        quantity: str,
-        column: str,
-        doubt: str = "",
-        /,
-        like: Source | None = None,
-        **more: Any,
+        self, quantity: str, column: str, doubt: str = "", /, like: Source = _PLAIN, **more: Any
     ) -> None:
         """Take a column, in the unit of its name, for a quantity; note what is in doubt."""
         unit = self.meaning(column).unit
@@ -320,7 +318,7 @@ class _Columns:
             more["scale"] = more.get("scale", 1.0) * UNIT_FACTORS["1"][unit]
         elif unit not in (None, _USUAL_UNITS.get(quantity)):
             more["unit"] = unit
-        self.sources[quantity] = replace(like or Source(), columns=(column,), **more)
+        self.sources[quantity] = replace(like, columns=(column,), **more)
         self.note(column, doubt)
 
     def first(self, what: str, columns: Sequence[str]) -> list[str]:
@@ -575,7 +573,7 @@ class _Columns:
         """Add the first command of each quantity, the position in the unit of the measured one."""
         for kind, columns in names.items():
             for column in self.first("commands", columns):
-                like = self.sources["joint_position"] if kind == "position" else None
+                like = self.sources["joint_position"] if kind == "position" else _PLAIN
                 self.take(f"{kind}_command", column, like=like)
         self.note(names[leading][0], "command", kind=leading)
         computed = self.having("torque", role="derived")
