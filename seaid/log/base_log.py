@@ -621,10 +621,8 @@ LEAST_LIFT = _LIFTED + 2 * _PERIODS
 """Periods of the low pass of the positions that a foot is in the air, from which that is used."""
 
 
-def _without_short_lifts(
-    used: BoolArray, flags: Mapping[str, BoolArray], fewest: float
-) -> BoolArray:
-    """Return the used samples (T,) without feet in the air that are so in `fewest` or less."""
+def _without_short_lifts(used: BoolArray, flags: Mapping[str, BoolArray], most: float) -> BoolArray:
+    """Return the used samples (T,) without feet in the air that are so in `most` or less."""
     lifts = [used & ~flag for flag in flags.values()]
-    short = [lift for lift in lifts if np.sum(lift) <= fewest]
+    short = [lift for lift in lifts if np.sum(lift) <= most]
     return used & ~np.any(short, axis=0) if short else used

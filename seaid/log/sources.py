@@ -93,9 +93,7 @@ class Selection:
             for channel in spec.channels(data, self.robot)
         ]
 
-    def composed(
-        self, time: Array, picked: Mapping[str, Array], report: tuple[Repair, ...] = ()
-    ) -> Log:
+    def composed(self, time: Array, picked: Block, report: tuple[Repair, ...] = ()) -> Log:
         """Return the log of channels at the same instants, in quantities and frames of `Log`."""
         deflections = (spec for spec in self.quantities if spec.quantity == "deflection")
         springs = [x.names[0] for x in deflections if x.source != Source(x.names)]
@@ -364,9 +362,7 @@ def _unit_of(robot: Robot, joint: str, quantity: str) -> str:
     return OF_JOINTS[quantity].unit_of(_is_prismatic(robot, joint))
 
 
-def both_sides(
-    picked: Mapping[str, Array], robot: Robot, of_springs: Collection[str] = ()
-) -> dict[str, Array]:
+def both_sides(picked: Block, robot: Robot, of_springs: Collection[str] = ()) -> Block:
     """Return the samples with deflections converted to the position of a side without encoder.
 
     The deflection of (7) and (8) is d = r_M/N theta_M - r_L theta_L, at the same instants. With
@@ -398,12 +394,7 @@ def both_sides(
 
 
 def _of_spring(
-    samples: dict[str, Array],
-    robot: Robot,
-    joint: str,
-    own: str,
-    has_both: bool,
-    of_springs: Collection[str],
+    samples: Block, robot: Robot, joint: str, own: str, has_both: bool, of_springs: Collection[str]
 ) -> Array | None:
     """Return the deflection of a spring that is to be converted, which is taken out of the samples.
 
