@@ -12,6 +12,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, combinations, permutations
 from pathlib import Path
@@ -311,15 +312,28 @@ _OVERLAP = 0.8
 _TORQUES = {"torque", "current", "voltage"}
 
 
-@dataclass(frozen=True)
 class _File:
-    """A file: its columns but the time, the quantities of these, and its time span [s]."""
+    """A file: its columns but the time, the quantities of these, and its time span [s].
 
-    path: Path
-    columns: frozenset[str] = frozenset()
-    quantities: frozenset[str] = frozenset()
-    start_s: float = math.nan
-    end_s: float = math.nan
+    It has none of these if its clock is not found.
+    """
+
+    def __init__(self, path: Path, robot: Robot) -> None:
+        self.path, self.start_s, self.end_s = path, math.nan, math.nan
+        self.columns = self.quantities = frozenset[str]()
+        with suppress(LogError):
+            self._read(robot)
+
+    def _read(self, robot: Robot) -> None:
+        table = open_tables([self.path])
+        inference = Inference({}, _meanings(table, robot))
+        inference.data |= _all_samples(table, inference)
+        clock = None if table.clocks else _clocks(inference).get("")
+        if clock is not None and clock.column is not None:
+            time = clock.seconds(table.load(clock.columns()), 0)
+            self.columns = frozenset(table.names) - {*clock.columns()}
+            self.quantities = frozenset(inference.meanings[name].quantity for name in self.columns)
+            self.start_s, self.end_s = float(np.nanmin(time)), float(np.nanmax(time))
 
     @property
     def is_complete(self) -> bool:
@@ -358,7 +372,7 @@ def logs_of_files(
     """
     groups: list[list[_File]] = []
     for path in paths:
-        file = _file_of(path, robot)
+        file = _File(path, robot)
         group = next((group for group in groups if all(map(file.is_of_log, group))), [])
         if not group:
             groups.append(group)
@@ -375,23 +389,6 @@ def _doubts(groups: Sequence[Sequence[_File]]) -> Iterator[Doubt]:
     for earlier, file in combinations([group[0] for group in groups], 2):
         if file.complements(earlier):
             yield Doubt.of("no_common_time", first=earlier.path.name, second=file.path.name)
-
-
-def _file_of(path: Path, robot: Robot) -> _File:
-    """Return the columns and times of a file; nothing if its clock is not found."""
-    try:
-        table = open_tables([path])
-        inference = Inference({}, _meanings(table, robot))
-        inference.data |= _all_samples(table, inference)
-        clock = None if table.clocks else _clocks(inference).get("")
-        if clock is None or clock.column is None:
-            return _File(path)
-        time = clock.seconds(table.load(clock.columns()), 0)
-    except LogError:
-        return _File(path)
-    columns = frozenset(table.names) - {*clock.columns()}
-    quantities = frozenset(inference.meanings[name].quantity for name in columns)
-    return _File(path, columns, quantities, float(np.nanmin(time)), float(np.nanmax(time)))
 
 
 def _all_samples(table: Table, inference: Inference) -> Block:
