@@ -340,7 +340,7 @@ def _line(group: Sequence[Channel], first: Sequence[Channel], report: Report) ->
     start = np.array([np.nanargmin(clock)])
     sizes = {"offset_s": line.offset_s, "drift_us_per_s": line.drift * 1e6, "first": first_name}
     for kind, size in (("clock offset", line.offset_s), ("clock drift", line.drift)):
-        report.add(name, kind, clock, start[: size != 0.0], **sizes)
+        report.add(name, kind, clock, start[: int(size != 0.0)], **sizes)
     return line
 
 
