@@ -433,8 +433,8 @@ def _repair_measured(samples: _Remaining) -> None:
         return
     _unwrap(samples)
     _exclude_held(samples)
-    lost: dict[str, Any] = {"name": channel.name, "lost": samples.lost, "total": total}
-    samples.report.check("lost_samples", samples.lost / total, **lost)
+    counts = {"lost": samples.lost, "total": total}
+    samples.report.check("lost_samples", samples.lost / total, name=channel.name, **counts)
     if len(samples.values) >= FEWEST:
         _check_saturation(samples)
         _check_gap(samples)
@@ -474,9 +474,10 @@ def _check_saturation(samples: _Remaining) -> None:
         return
     level = samples.values[np.argmax(stuck)]
     samples.add("saturated samples", stuck, level=level)
-    found = {"level": level, "count": np.sum(stuck), "time": samples.time[np.argmax(stuck)]}
-    name, total = samples.channel.name, len(stuck)
-    samples.report.check("saturated", float(np.mean(stuck)), name=name, total=total, **found)
+    first = {"level": level, "time": samples.time[np.argmax(stuck)]}
+    counts = {"count": np.sum(stuck), "total": len(stuck)}
+    name = samples.channel.name
+    samples.report.check("saturated", float(np.mean(stuck)), name=name, **counts, **first)
 
 
 def _check_gap(samples: _Remaining) -> None:
