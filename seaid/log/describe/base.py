@@ -212,9 +212,8 @@ class _Search:
         names, n = list(self.inference.data), self.robot.n
         if self.table.files or not all(map(str.isdecimal, names)):
             return []
-        # The first of n + 7 columns that have three coordinates and then a quaternion.
-        poses = (x for x in range(len(names) - n - 6) if self.is_quaternion(names[x + 3 : x + 7]))
-        if (start := next(poses, None)) is None:
+        start = self._start_of_pose(names)
+        if start is None:
             return []
         place = start + n + 7
         vectors = [Vector("q", tuple(names[start:place]), is_array=True)]
@@ -229,6 +228,11 @@ class _Search:
         about = f"columns {names[start]} to {vectors[-1].columns[-1]}"
         self.note(about, "one_table", vectors=parts)
         return vectors
+
+    def _start_of_pose(self, names: Sequence[str]) -> int | None:
+        """Return the first of n + 7 columns that have three coordinates and then a quaternion."""
+        starts = range(len(names) - self.robot.n - 6)
+        return next((x for x in starts if self.is_quaternion(names[x + 3 : x + 7])), None)
 
     def _likeness(self, vector: Vector, rate: Vector) -> float:
         """Return the cosine of the derivative of one array and another one, by their joints."""

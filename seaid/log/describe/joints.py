@@ -183,16 +183,20 @@ def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
     labelled = {
         (m.quantity, names[m.joint]) for m in meanings.values() if m.joint in names and m.is_raw
     }
-    # {number: joint}, nothing if labels have the same number.
-    numbers = {_number_in(label): joint for label, joint in names.items()}
-    numbers = numbers if len(numbers) == len(names) else {}
+    numbers = _by_own_number(names)
     for name, meaning in meanings.items():
         is_signal = meaning.role in ("measured", "estimated") and meaning.quantity in MEASURED
         number = _number_in(meaning.joint) if is_signal else ""
         if meaning.joint in names:
             inference.take(name, joint=names[meaning.joint])
-        elif number and number in numbers and (meaning.quantity, numbers[number]) not in labelled:
+        elif number in numbers and (meaning.quantity, numbers[number]) not in labelled:
             inference.take(name, "by_number", joint=numbers[number])
+
+
+def _by_own_number(names: Mapping[str, str]) -> dict[str, str]:
+    """Return {number: joint} of {label: joint}, nothing if labels have the same number."""
+    numbers = {_number_in(label): joint for label, joint in names.items()}
+    return {x: joint for x, joint in numbers.items() if x and len(numbers) == len(names)}
 
 
 def _matches(labels: Sequence[str], robot: Robot, inference: Inference) -> dict[str, str]:
