@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import resource
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import product
@@ -150,45 +149,3 @@ def test_xml_bombs_are_refused(tmp_path: Path, bomb: Callable[[Path], None]) -> 
     bomb(tmp_path / "x")
     said = refused(lambda: READERS["urdf"](tmp_path / "x"))
     assert "root:" not in said
-
-
-# Faults of the disk, and places that are none
-
-
-@pytest.fixture(scope="module")
-def writers() -> dict[str, Use]:
-    """Return whatever writes a file, by the ending of that."""
-    log, robot = seeds.log(), seeds.robot()
-    found = seaid.identify(robot, log)
-    return {
-        **{e: lambda path: seaid.write_log(log, path) for e in (".csv", ".npz", ".parquet", ".h5")},
-        ".json": lambda path: seaid.write_parameters(found, path),
-        ".urdf": lambda path: seaid.write_urdf(robot, path),
-        ".xml": lambda path: seaid.write_mjcf(robot, path),
-        ".usda": lambda path: seaid.write_model(robot, path),
-        ".toml": lambda path: seaid.write_drives(robot.drives, path),
-        ".html": lambda path: seaid.write_report(found, path),
-    }
-
-
-WRITTEN = (".csv", ".npz", ".parquet", ".h5", ".json", ".urdf", ".xml", ".usda", ".toml", ".html")
-
-
-@pytest.mark.parametrize("ending", WRITTEN)
-def test_a_fault_of_the_place_leaves_the_old_file(
-    tmp_path: Path, writers: dict[str, Use], ending: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A full disk leaves what was there and nothing else, and what is no place is refused."""
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # it would be cut off too
-    path = tmp_path / f"out{ending}"
-    path.write_text("old")
-    with limits(resource.RLIMIT_FSIZE, 100):
-        refused(lambda: writers[ending](path))
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
-    assert path.read_text() == "old"
-    (tmp_path / f"folder{ending}").mkdir()
-    (tmp_path / f"loop{ending}").symlink_to(tmp_path / f"loop{ending}")
-    (tmp_path / f"full{ending}").symlink_to("/dev/full")
-    names = (f"out{ending}/x", "folder", "loop", "full", "a\0b", "x" * 300)
-    for name in names if ending != ".html" else names[-1:]:  # whose page takes a second
-        refused(lambda name=name: writers[ending](tmp_path / f"{name}{ending}"))  # type: ignore[misc]
