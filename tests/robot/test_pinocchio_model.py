@@ -22,7 +22,6 @@ from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.regressor.base import torque_slopes
 from seaid.robot import Robot
 from seaid.simulation.plant import inertia, inverse_dynamics, plant_of
-from tests.experiments import drive_errors, drive_scores, wiggle
 from tests.one_joint import BODY
 from tests.plants import states, torque_slopes_by_steps, tree, write_columns, write_robot
 from tests.view.test_picture import frames_by_pinocchio, link_placements
@@ -172,65 +171,6 @@ def test_mujoco_has_the_same_inertia_and_torques(gripper: Robot, tmp_path: Path)
     np.testing.assert_allclose(
         joint_torques(again, *states(n)), joint_torques(robot, *states(n)), atol=1e-9
     )
-
-
-def _experiment(path: Path, seed: int, duration_s: float) -> tuple[Robot, Any]:
-    robot = seaid.load_robot(path, DRIVES)
-    motion = wiggle(robot, duration_s, (0.0, 0.0, 0.02), (0.9, 1.0, 0.06), seed=seed)
-    return robot, seaid.simulate(
-        robot,
-        motion,
-        noise=seaid.Noise(
-            motor_resolution_rad=2 * np.pi / 8192,
-            joint_resolution_rad=(2 * np.pi / 2**17, 2 * np.pi / 2**17, 1e-6),
-            torque_std_Nm=0.002,
-        ),
-        seed=seed,
-    )
-
-
-@pytest.mark.slow  # it simulates 8 s at 1 kHz and identifies them
-def test_log_without_followers_gives_back_the_truth(gripper: Robot, tmp_path: Path) -> None:
-    assert gripper.urdf is not None
-    truth, log = _experiment(gripper.urdf, 0, 6.0)
-    assert log.joint_names == LEADERS
-    seaid.write_log(log, tmp_path / "run.csv")
-    found = seaid.identify(
-        gripper.without_nominal(), seaid.read_log(tmp_path / "run.csv", gripper), feasible=True
-    )
-    errors = drive_errors(found, truth, "stiffness", "viscous_friction", "coulomb_friction")
-    assert max(map(abs, errors.values())) < 0.1
-    assert np.max(np.abs(drive_scores(found, truth, "stiffness", "coulomb_friction"))) < 4
-    q, v, a = (state * [1, 1, 0.05] for state in states(3, 40))
-    torque = joint_torques(truth, q, v, a)
-    error = joint_torques(found.robot, q, v, a) - torque
-    assert np.all(np.std(error, axis=0) < 0.05 * np.std(torque, axis=0))
-    other = _experiment(gripper.urdf, 1, 2.0)[1]
-    checked = seaid.validate(found, other)
-    assert "shoulder" in str(checked.summary())
-    assert {finding.severity for finding in found.warnings} <= {"note"}
-    # what was found goes into the file, bodies of the followers too, and comes back
-    written = seaid.write_urdf(found, tmp_path / "found.urdf")
-    again = seaid.load_robot(written.urdf, written.drives)
-    np.testing.assert_allclose(
-        joint_torques(again, q, v, a), joint_torques(found.robot, q, v, a), atol=1e-8
-    )
-    seaid.project.save_run(found, tmp_path / "run.npz")
-    saved = seaid.project.load_run(tmp_path / "run.npz").identification.robot
-    assert saved.dependent_joints == found.robot.dependent_joints
-    np.testing.assert_allclose(joint_torques(saved, q, v, a), joint_torques(found.robot, q, v, a))
-
-
-@pytest.mark.slow  # it simulates 4 s, identifies and refines
-def test_a_refinement_starts_from_bodies_that_are_physically_inconsistent(gripper: Robot) -> None:
-    """The fingers hardly accelerate: their masses are found negative, and those of bodies too."""
-    assert gripper.urdf is not None
-    truth, log = _experiment(gripper.urdf, 0, 4.0)
-    found = seaid.identify(gripper.without_nominal(), log)
-    assert np.min(found.robot.parameters[::10]) < -1
-    refined = seaid.refine(found, log)
-    assert "worse-than-start" not in [one.code for one in refined.warnings]
-    assert abs(drive_errors(refined, truth, "stiffness")["stiffness of shoulder"]) < 2e-3
 
 
 @pytest.mark.parametrize(

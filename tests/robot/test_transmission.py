@@ -39,14 +39,11 @@ from tests.experiments import (
     DATA,
     MODELS,
     drive_errors,
-    drive_scores,
     motion_of,
-    with_named_friction,
 )
 from tests.plants import torque_slopes_by_steps
 from tests.regressor.stances import check_base, rows_of_torques
 from tests.representatives import quick_first
-from tests.standard_errors import check_scores
 
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness")
 WRIST = MODELS / "differential_wrist.urdf"
@@ -471,30 +468,6 @@ def test_a_log_gives_nearly_the_truth_and_predicts_another_motion(
         index = case.robot.index(joint)
         error = load.computed[inside, index] - tau_phi[inside, index]
         assert np.std(error) < 0.03 * np.std(tau_phi[:, index])
-
-
-@pytest.mark.slow  # 60, 28 and 60 identifications
-@pytest.mark.usefixtures("estimates_only")
-@pytest.mark.parametrize(
-    ("name", "method", "draws", "band"),
-    [
-        ("parallelogram", "two-step", 60, 1.2),
-        ("mixed differential", "simultaneous", 28, 1.2),
-        ("linkages", "two-step", 60, 1.3),
-    ],
-)
-def test_errors_are_as_large_as_the_standard_errors_say(
-    name: str, method: Method, draws: int, band: float
-) -> None:
-    case, scores = case_of(name), []
-    known = with_named_friction(case.robot.without_nominal())
-    for draw in range(draws):
-        log = log_of(case, duration=32.0, torque=0.01, angle=2e-5, draw=draw)
-        found = identify(known, log, cutoff_hz=8.0, method=method)
-        load, _ = load_errors(case, found)
-        errors = [found.load.standard_error(name) for name in found.base.expressions]
-        scores.append(np.append(load / errors, drive_scores(found, case.robot, *DRIVE)))
-    check_scores(scores, band=band)
 
 
 def sensed(case: Case) -> Array:
