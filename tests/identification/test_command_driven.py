@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import seaid
-from scripts.benchmarks import command_delays, commanded_arms
+from scripts.benchmarks import commanded_arms
 from seaid._arrays import Array
 from seaid.checks.values import drive_findings
 from seaid.drives import ParameterName
@@ -57,38 +57,6 @@ def test_two_gain_sets_separate_the_bias_of_an_encoder_from_an_offset(urdf: Path
     found = seaid.identify_conditions(conditions, condition_specific=("friction_offset",))
     offsets = [values_of(one)["friction_offset"][0] for one in found.identifications.values()]
     assert (offsets[0] - offsets[1]) / (SOFT[0] - HARD[0]) == pytest.approx(bias, rel=0.01)
-
-
-@pytest.mark.slow  # 200,000 steps of a plant in Python
-def test_reversals_between_samples_do_not_bias_the_delay(
-    urdf: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Without noise: with the signs of the speed at the samples errors are 6 us and 5e-4."""
-    monkeypatch.setattr(command_delays, "STEP_S", 1e-4)
-    monkeypatch.setattr(command_delays, "PARTS", 50)
-    rng = np.random.default_rng(7)
-    truth = command_delays.truths(4, rng, rng.uniform(0, 0.02, 4))
-    gains = command_delays.GAINS
-    # both gain sets at once, as eight plants
-    each = (np.repeat(column, 4) for column in np.transpose(gains))
-    twice = {name: np.tile(values, 2) for name, values in truth.items()}
-    moved = command_delays.motion(tuple(each), twice, command_delays.FAST)
-    for draw in range(4):
-        conditions = {
-            f"{k}": (
-                command_delays.robot_of(urdf, gains[k]),
-                command_delays.log_of(moved[:, 4 * k + draw], command_delays.FAST),
-            )
-            for k in range(2)
-        }
-        found = seaid.identify_conditions(conditions, condition_specific=())
-        values = values_of(found.identifications["0"])
-        delay_s = truth["command_delay"][draw]
-        assert values["command_delay"][0] == pytest.approx(delay_s, abs=2e-6)
-        assert values["command_delay"][1] < 1e-6
-        for name in TRUTH:
-            assert values[name][0] == pytest.approx(truth[name][draw], rel=3e-4), name
-        assert values["motor_inertia"][0] == pytest.approx(truth["motor_inertia"][draw], rel=1e-4)
 
 
 def two_joints(

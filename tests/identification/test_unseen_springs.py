@@ -4,17 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
 import seaid
 from scripts.benchmarks.motor_side import (
     ANYDRIVE,
-    JOINTS,
     Joint,
     errors,
-    multisine,
     random_joint,
     robot_of,
     simulated,
@@ -310,51 +307,3 @@ def test_random_joints_whose_search_once_ended_elsewhere(number: int, tmp_path: 
     error = errors(joint, identify(robot_of(joint, tmp_path), log_of(joint, seed=number)))
     assert abs(error["k"]) < 0.01
     assert abs(error["resonance"]) < 0.005
-
-
-def mujoco_log(joint: Joint, duration: float = 8.0) -> Log:
-    """Return the log of the motor side of a joint in MuJoCo, where a tendon is the spring."""
-    step_s, parts, n = 1e-4, 10, joint.ratio
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
-        <worldbody>
-        <body><joint name="motor" axis="0 1 0" armature="{joint.rotor * n**2}"
-        damping="{joint.viscous * n**2}" frictionloss="{joint.coulomb * n}"
-        solreffriction="0.001 1"/>
-        <inertial pos="0 0 0" mass="1e-9" diaginertia="1e-12 1e-12 1e-12"/></body>
-        <body><joint name="arm" axis="0 1 0"/><inertial pos="0 0 {-joint.length}"
-        mass="{joint.mass}" diaginertia="{joint.inertia} {joint.inertia} 1e-3"/></body>
-        </worldbody><tendon><fixed name="spring" stiffness="{joint.k}" springlength="0">
-        <joint joint="motor" coef="1"/><joint joint="arm" coef="-1"/></fixed></tendon>
-        <actuator><motor joint="motor"/></actuator></mujoco>"""
-    )
-    data, ticks = mujoco.MjData(model), np.arange(round(duration / step_s)) * step_s
-    rates, sizes = multisine(joint, duration, 3)
-    waves = sizes * np.exp(1j * np.outer(ticks, rates))
-    wanted, speed = np.real(waves.sum(axis=1)), np.real((1j * rates * waves).sum(axis=1))
-    inertia = joint.load + joint.rotor * n**2
-    data.qpos[:], data.qvel[:] = wanted[0], speed[0]
-    logged = np.empty((len(ticks) // parts, 2))
-    for tick in range(len(ticks)):
-        error = wanted[tick] - data.qpos[0], speed[tick] - data.qvel[0]
-        data.ctrl[0] = inertia * (90.0**2 * error[0] + 2 * 90.0 * error[1])
-        if tick % parts == 0:
-            logged[tick // parts] = n * data.qpos[0], data.ctrl[0] / n
-        mujoco.mj_step(model, data)
-    noise = np.random.default_rng(0).normal(0, joint.torque_std, len(logged))
-    count = 2 * np.pi / joint.counts
-    motor = np.round(logged[:, 0] / count) * count
-    time = np.asarray(ticks[::parts], dtype=float)
-    return log_with("arm", time, motor_position=motor, motor_torque=logged[:, 1] + noise)
-
-
-@pytest.mark.slow  # a search for a stiffness behind a motor
-@pytest.mark.parametrize("name", ["ANYdrive-like", "TULip-like knee"])
-def test_a_joint_of_mujoco(name: str, tmp_path: Path) -> None:
-    joint = JOINTS[name]
-    result = identify(robot_of(joint, tmp_path), mujoco_log(joint))
-    error = errors(joint, result)
-    assert abs(error["k"]) < 0.01
-    assert abs(error["resonance"]) < 0.005
-    assert abs(error["J"]) < 0.02
-    assert [one for one in result.warnings if one.severity != "note"] == []
