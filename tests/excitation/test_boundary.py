@@ -106,37 +106,6 @@ def test_all_motions_keep_the_ends_given_as_number_row_or_mapping(
     assert np.all(np.linalg.norm(rows, axis=3) > 0)
 
 
-@pytest.mark.slow  # a motion at 100 kHz
-@settings(derandomize=True, max_examples=24, deadline=None)
-@given(
-    case=st.sampled_from(BASES),
-    ends=st.sampled_from(["rest", "free", "given"]),
-    n=st.integers(1, 7),
-    seed=st.integers(0, 2**32 - 1),
-)
-def test_no_limit_is_broken_at_100_kHz(
-    case: tuple[BasisName, int], ends: str, n: int, seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    lower, range_ = rng.uniform(-2, 2, n), 10 ** rng.uniform(-2, 1, n)
-    bounds = JointLimits(
-        lower, lower + range_, 10 ** rng.uniform(-1, 1, n), 10 ** rng.uniform(-1, 2, n)
-    )
-    duration = float(10 ** rng.uniform(-0.5, 0))
-    # what a joint can reach within so short a time, with room to brake
-    speed = 0.1 * np.minimum(bounds.velocity, bounds.acceleration * duration)
-    speed = np.minimum(speed, 0.05 * range_ / duration)
-    middle = EndState(bounds.middle, speed * rng.uniform(-1, 1, n), None)
-    state = {"rest": EndState(), "free": IN_MOTION, "given": middle}[ends]
-    names = [f"joint{j}" for j in range(n)]
-    found = motion_space(make_basis(case[0], duration, case[1]), names, bounds, state, state)
-    motion = Trajectory(tuple(names), found.basis, found.coefficients(filling(found, bounds, rng)))
-    q, v, a = assert_kept(motion, bounds, 1e5)
-    used = [np.abs(q - bounds.middle).max(axis=0) / bounds.half_range]
-    used += [np.abs(v).max(axis=0) / bounds.velocity, np.abs(a).max(axis=0) / bounds.acceleration]
-    assert np.all(np.max(used, axis=0) > 0.9)  # it is at a limit: the hulls are close
-
-
 def test_a_start_at_the_very_end_of_the_range_leaves_room_elsewhere() -> None:
     found = space(EndState(2.0), EndState(-1.0), duration=3.0)
     x = filling(found, limits(), np.random.default_rng(0))

@@ -371,18 +371,6 @@ def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
     np.testing.assert_allclose(np.std(spread, axis=0), errors, rtol=0.12)
 
 
-def test_biped_is_two_legs_and_a_trunk(tmp_path: Path) -> None:
-    urdf, toml = write_biped(tmp_path)
-    robot = seaid.load_robot(urdf, drives=toml, base="floating", contacts=BIPED_FEET)
-    leg = seaid.load_robot("models/tulip_leg.urdf")
-    masses = robot.parameters[::10]
-    # the axle of each ankle weighs 45 g, the trunk 3 kg
-    assert np.sum(masses) == pytest.approx(2 * (np.sum(leg.parameters[::10]) + 0.045) + 3.0)
-    assert len(robot.elastic_joints) == 6
-    stance = [[foot.link for foot in BIPED_FEET]]
-    assert len(seaid.base_parameters(robot, stances=stance).columns) == 66
-
-
 @pytest.mark.slow  # 12 s of MuJoCo in steps of 0.25 ms, and the fit
 def test_standing_determines_springs_of_ankles(tmp_path: Path) -> None:
     urdf, toml = write_biped(tmp_path)

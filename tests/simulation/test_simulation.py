@@ -17,7 +17,7 @@ from seaid.robot import Robot
 from seaid.simulation import Noise, simulate
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
 from seaid.simulation.simulation import measure
-from tests.experiments import LEG_SENSORS, MODELS, arm, arm_motion, leg, wiggle
+from tests.experiments import arm, arm_motion, leg, wiggle
 from tests.simulation.swings import SLIDER, Chain, pendulum, run
 
 SPRING = SeriesElasticDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5).with_values(
@@ -137,21 +137,6 @@ def test_torque_noise_is_white_and_as_large_as_asked() -> None:
     assert np.std(noise, axis=0) == pytest.approx(stds, rel=0.03)
     lagged = np.sum(noise[1:] * noise[:-1], axis=0)[[0, 1, 3]]
     assert np.max(np.abs(lagged / np.sum(noise**2, axis=0)[[0, 1, 3]])) < 0.05
-
-
-@pytest.mark.slow  # 1.1 s
-def test_joints_in_the_users_order_move_the_same() -> None:
-    usual = leg()
-    names = usual.joint_names[::-1]
-    robot = load_robot(MODELS / "tulip_leg.urdf", dict(usual.drives), joints=names)
-    trajectory = short(usual)
-    turned = Trajectory(names, trajectory.basis, trajectory.coefficients[:, ::-1])
-    noise = replace(LEG_SENSORS, torque_std_Nm=0.0)
-    assert not isinstance(noise.motor_offset_rad, float)
-    backwards = replace(noise, motor_offset_rad=noise.motor_offset_rad[::-1])
-    one, other = simulate(usual, trajectory, noise=noise), simulate(robot, turned, noise=backwards)
-    assert np.allclose(one.joint_position, other.joint_position[:, ::-1], rtol=0, atol=1e-9)
-    assert np.allclose(one.motor_torque, other.motor_torque[:, ::-1], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("rate_hz", "duration"), [(200.0, 0.3), (1000.0, 0.2006)])

@@ -170,24 +170,6 @@ def test_base_set_is_that_of_qr_along_a_motion_that_closes_the_loop(name: str) -
     assert H[:, list(base.pivots)] @ echelon == pytest.approx(H, rel=1e-9, abs=1e-11)
 
 
-@pytest.mark.slow  # 2.4 s
-def test_factors_are_quotients_of_the_lengths() -> None:
-    """A coupler's mass is shared by its two ends, as the books have it (Wittenburg 1977)."""
-    plane, angle = plane_four_bar(), sp.Symbol("alpha")
-    ends = [J1 + J3 * l1**2 / l3**2 + l1**2 * m2, a2 + J3 * l2 / l3**2, b2, J2 + J3 * l2**2 / l3**2]
-    crank = [J1 + m2 * r**2 + m3 * r**2, a1 + m2 * r + m3 * r, b1]
-    slider = [*crank, a2 + rod * m3, b2, J2 + rod**2 * m3, c]
-    of_angle = {l1: cos(angle), l2: 2, l3: 3, l4: 4}
-    turned = [sp.expand(value.subs(of_angle)) for value in ends]
-    for system, expected in (
-        (plane, ends),
-        (slider_crank(), slider),
-        (plane.given(of_angle), turned),
-    ):
-        form = separate(system.equation, system.signals, system.unknowns, relations=system.closures)
-        assert list(reduce(form).parameters) == expected
-
-
 def test_rolling_without_slip_is_a_relation_of_speeds() -> None:
     """x' sin q1 = y' cos q1 of a skate: its derivative makes two columns one."""
     skate = m * (x.diff(t, 2) * cos(q1) + y.diff(t, 2) * sin(q1)) - u
@@ -261,24 +243,3 @@ def test_algebraic_numbers_in_closures(along: sp.Expr, up: sp.Expr, factor: sp.E
     assert base.pivots == (0, 1)
     found = base.parameters[1].coeff(m) / r
     assert abs((found - factor).evalf(40)) < 1e-30
-
-
-@pytest.mark.slow  # a spatial mechanism with 15 signals
-def test_delta_robot() -> None:
-    """Three arms at 120 degrees, whose rods carry the platform p: A^T lambda = m (p'' + g)."""
-    q, p = [q1, q2, q3], sp.Matrix([x, y, signal("z")])
-    torques, closures, elbows = [signal(f"u{i}") for i in range(3)], [], []
-    for i, angle in enumerate(q):
-        turn, reach = 2 * i * sp.pi / 3, d + r * cos(angle)
-        elbows.append(sp.Matrix([cos(turn) * reach, sin(turn) * reach, -r * sin(angle)]))
-        rod_vector = p - elbows[-1]
-        closures.append(sp.expand(rod_vector.dot(rod_vector)) - rod**2)
-    A = sp.Matrix([list(p - elbow) for elbow in elbows])
-    forces = A.T.adjugate() * m * (p.diff(t, 2) + sp.Matrix([0, 0, g]))
-    equations = [
-        A.det() * (J1 * q[i].diff(t, 2) + a1 * g * cos(q[i]) + c * q[i].diff(t) - torques[i])
-        + (p - elbows[i]).dot(elbows[i].diff(q[i])) * forces[i]
-        for i in range(3)
-    ]
-    form = separate(equations, [*q, *p, *torques], [J1, a1, m, c], relations=closures)
-    assert list(reduce(form).parameters) == [J1, a1, m, c]

@@ -15,14 +15,14 @@ import tomli_w
 from seaid._arrays import Array
 from seaid.drives import read_drives, write_drives
 from seaid.errors import Finding, IdentificationError, RobotError
-from seaid.estimation import Estimate, estimator_named, fit
+from seaid.estimation import Estimate, estimator_named
 from seaid.export import content_of
 from seaid.identification import Identification, identify, identify_conditions, refine
 from seaid.identification.simultaneous import estimation, settled, simultaneous_regression
 from seaid.legged import load_robot
 from seaid.log import Log, Motion, reconstruct_motion
 from seaid.project import load_run, save_run
-from seaid.regressor import Regression, actuator_regression
+from seaid.regressor import Regression
 from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
@@ -131,26 +131,6 @@ def test_four_equal_drives_have_half_the_standard_errors_of_one(kind: str) -> No
     assert {x.name for x in shared.shared} == {
         f"{name} of calf_motor" for name in (TRUTH if kind == "series_elastic" else FRICTION)
     }
-
-
-@pytest.mark.slow  # 1.3 s
-def test_the_shared_values_are_those_of_one_regression_with_their_columns_summed() -> None:
-    """By another route: all motor equations at once, each weighted by its residual alone."""
-    robot, log = plant(120.0, 120.0, 60.0), log_of(120.0, 120.0, 60.0)
-    shared = found(robot, log, *JOINTS[:3])
-    motion = reconstruct_motion(robot.without_nominal(), log, 5.0)
-    blocks, targets = [], []
-    for place, joint in enumerate(robot.joint_names):
-        rows = actuator_regression(robot.without_nominal(), motion, joint)
-        weight = 1 / fit(rows, estimator_named("wls")).estimate.residual_std
-        own = np.zeros((len(rows.y), 6))
-        own[:, :3] = rows.H[:, [rows.names.index(name) for name in TRUTH]]
-        own[:, 3 + place] = rows.H[:, rows.names.index("spring_offset")]
-        blocks.append(weight * own)
-        targets.append(weight * rows.y)
-    theta = np.linalg.lstsq(np.vstack(blocks), np.concatenate(targets), rcond=None)[0]
-    values = [shared.drive_side["elbow"].value(name) for name in TRUTH]
-    np.testing.assert_allclose(values, theta[:3], rtol=1e-6)
 
 
 def differing(result: Identification) -> list[Finding]:
