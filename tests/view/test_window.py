@@ -197,22 +197,6 @@ def test_another_motion_is_shown_within_its_time_and_beside(view: View) -> None:
             asked("plann")
 
 
-@pytest.mark.slow  # 0.7 s
-def test_time_goes_on_while_it_plays(view: View) -> None:
-    view.panel.speed.value = "4x"
-    start = pose(view, 5)
-    click(view.panel.play)
-    assert view.panel.play.label == "Pause"
-    assert in_time(lambda: view.time > 0.3)
-    assert np.max(np.abs(pose(view, 5) - start)) > 0.01
-    assert in_time(lambda: view.time < 0.3)  # it begins again
-    click(view.panel.play)
-    assert view.panel.play.label == "Play"
-    still = view.time
-    time.sleep(0.15)
-    assert view.time == still
-
-
 @pytest.mark.parametrize("window_px", [(1280, 800), (900, 560), (390, 844), (360, 640)])
 @pytest.mark.parametrize("up", [(0.0, 0.0, 1.0), (0.6, 0.0, -0.8)])
 def test_camera_sees_the_robot_free_of_the_panel(
