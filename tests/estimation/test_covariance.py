@@ -1,5 +1,6 @@
 """Newey-West against processes whose long-run variance is known."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -129,6 +130,7 @@ def test_one_row_and_no_residual_at_all() -> None:
     """Nothing is correlated with a single row, and noise that is not there inflates nothing."""
     found = long_run_of(np.array([[1.0, 0.5]]), np.full(1, 2.0), np.array([0.3]), np.zeros(1))
     assert found.lags == 0
+    assert replace(found, lags=2).bandwidth == 1.0  # no part of a log is longer than it
     assert np.allclose(found.white, [[4.0, 2.0], [2.0, 1.0]])
     exact = long_run_of(np.ones((50, 2)), np.zeros(50), times(50), np.zeros(50))
     assert exact.inflation(np.eye(2)) == 1.0

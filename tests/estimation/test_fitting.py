@@ -11,12 +11,14 @@ import pytest
 
 import seaid.log.long_log as long_log_module
 from seaid.errors import IdentificationError, LogError
-from seaid.estimation import Estimate
+from seaid.estimation import Estimate, estimator_named
 from seaid.estimation.fitting import (
     StoredRows,
+    fit,
     huber,
     stored_estimate,
     tukey,
+    with_further_columns,
 )
 from seaid.estimation.least_squares import ordinary, settled_weights, weighted
 from seaid.estimation.qr_factor import QRFactor
@@ -194,3 +196,14 @@ def test_part_without_motion_is_still_left_out_by_the_speed_of_the_whole(tmp_pat
         [rows for _, rows in regressions_of_parts(opened(tmp_path / "still.npz"), {"": actuator})]
     )
     assert np.min(rows.time) > 1.8
+
+
+def test_further_columns_are_parameters_on_the_side_of_the_torque() -> None:
+    """y + 3 x = H theta: without the column the fit has it as noise."""
+    rows, column = experiment(4), np.random.default_rng(5).normal(size=(300, 1))
+    plain = fit(replace(rows, y=rows.y - 3.0 * column[:, 0]), estimator_named("wls"))
+    found = with_further_columns(plain, column, lambda values: bool(values[0] > 0))
+    assert found is not None
+    scores = (found.values - [*TRUTH, 3.0]) / found.standard_errors
+    assert np.max(np.abs(scores)) < 3
+    assert with_further_columns(plain, column, lambda values: bool(values[0] < 0)) is None

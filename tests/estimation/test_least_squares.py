@@ -157,6 +157,8 @@ def test_few_independent_rows_are_flagged() -> None:
     assert (warning.code, warning.severity) == ("few-rows", "doubtful")
     assert "5 parameters were estimated from" in warning.message
     assert not list(noise_findings(ordinary(experiment(5))))
+    correlated = ordinary(experiment(5, count=3000, phi=0.7)).diagnostics
+    assert correlated.independent_rows < 1500
 
 
 @pytest.mark.rounding

@@ -16,7 +16,9 @@ from seaid.errors import IdentificationError
 from seaid.estimation.qr_factor import (
     QRFactor,
     combined,
+    explained_apart,
     explained_squares,
+    fitted_slope,
     posterior,
     qr_factor_of,
     scaled_svd,
@@ -164,3 +166,20 @@ def test_posterior_whitening_and_explained_part_are_those_of_dense_matrices() ->
         larger = np.hstack([basis, columns[:, parts == part]])
         residual = rest - larger @ np.linalg.lstsq(larger, rest)[0]
         assert squares == pytest.approx(rest @ rest - residual @ residual)
+    X, part = np.column_stack([effects, y]), [np.arange(9) < 5]
+    shares = [*explained_apart(X, X[:0], part), *explained_apart(1e-6 * X, X[:0], part)]
+    assert shares[0] == pytest.approx(shares[1])  # in any unit
+
+
+def test_a_slope_in_any_unit_has_the_difference_of_the_halves_of_enough_rows() -> None:
+    """Of more than six rows per parameter, whose two halves have the slopes 1 and 1.2 here."""
+    rng = np.random.default_rng(3)
+    for count, is_enough in ((12, False), (13, True)):
+        columns, turned = rng.normal(size=(count, 2)), np.arange(count) >= count // 2
+        torque = columns[:, 0] - (1 + 0.2 * turned) * columns[:, 1]
+        torque += 0.01 * rng.normal(size=count)
+        slope, error = fitted_slope(columns, torque, 1.0)
+        assert (error > 0.08) == is_enough
+        for unit in (1e-3, 1e3):
+            changed = fitted_slope(columns * [1, unit], torque, 1.0)
+            assert changed == pytest.approx((slope / unit, error / unit))

@@ -180,35 +180,6 @@ def test_expected_standard_errors_are_those_of_white_noise(tulip_leg: Robot) -> 
     np.testing.assert_allclose(found.standard_errors, expected, rtol=0.02)
 
 
-@pytest.mark.slow  # three searches for a motion of the leg
-def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
-    """Three joints were moved already: the next motion tells of the two others.
-
-    In it these three are slow, so that a plan that knows of the first leaves to it what it tells:
-    59 together, and 89 where it does not know. A search ends in one of several minima, and rounding
-    may change which; they differ by a tenth.
-    """
-    first = longer(leg, limits=Limits(velocity=[2.5e-3, 2.5e-3, 2.5, 2.5, 2.5]))
-    log = log_of(leg, first)
-    others = Limits(velocity=[2.5, 2.5, 2.5e-2, 2.5e-2, 2.5e-2])
-    after = longer(leg, previous_logs=[log], limits=others, iterations=80)
-    alone = longer(leg, limits=others, iterations=80)
-    assert after.singular_values[-1] > first.singular_values[-1] * 2
-
-    def together(found: Excitation) -> float:
-        base, rows = pivoted_base(leg), []
-        for one in (first, found):
-            time = np.linspace(0, 6, 1500)
-            rows.append(
-                stacked_regressor(load_target(leg, None, base), time, one.trajectory.sample(time))
-            )
-        return float(np.linalg.cond(np.vstack(rows)))
-
-    assert after.value == pytest.approx(together(after), rel=0.05)
-    assert together(after) < 0.8 * together(alone)
-    assert together(after) < together(first)
-
-
 @pytest.mark.rounding
 def test_one_long_log_counts_as_its_parts(leg: Robot) -> None:
     first = longer(leg, iterations=5)

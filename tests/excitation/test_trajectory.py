@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid.errors import ExcitationError, SeaidError
+from seaid.errors import ExcitationError
 from seaid.excitation import (
     BasisName,
     FourierBasis,
@@ -97,13 +97,6 @@ def test_a_rate_must_be_more_than_zero(tmp_path: Path, rate: float) -> None:
     with pytest.raises(ExcitationError, match="rate_hz must be finite and more than 0, found"):
         resting().joint_trajectory(rate)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    (tmp_path / "taken").write_text("")
-    for write in (resting().save, resting().save_joint_trajectory):
-        with pytest.raises(SeaidError, match="cannot write"):
-            write(tmp_path / "taken" / "motion")
 
 
 def test_own_polynomial_of_equation_18() -> None:

@@ -19,7 +19,7 @@ from seaid.regressor import (
     load_regression,
     motor_regressor,
 )
-from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
+from seaid.regressor.load import LoadModel, load_model, offset_sensitivity, with_gear_torque
 from seaid.regressor.regression import (
     actuator_columns,
     input_signals,
@@ -99,7 +99,11 @@ def test_truth_times_the_load_regressor_is_the_torque_without_the_payload(
     rows = load_regression(LEG, motion, model, true_springs(LEG))
     base = model.base.project(LEG.parameters)
     drives = [true_value(LEG, joint, name) for joint, name, _ in model.drives]
-    assert rows.y == pytest.approx(rows.H @ [*base, *drives], abs=1e-9)
+    theta = np.array([*base, *drives])
+    assert rows.y == pytest.approx(rows.H @ theta, abs=1e-9)
+    # what a motor loses to its own friction does not go through its gear
+    geared = with_gear_torque(LEG, motion, model, true_springs(LEG), theta).gear_torque
+    np.testing.assert_allclose(geared, joint_torques(LEG, *motion.joint_states), atol=1e-9)
     assert len(rows.names) == len(rows.units) == 29 + 4
     assert rows.names[-1] == "coulomb_friction of hip_roll"
     assert rows.units[:2] == ("kg m^2", "kg m")
