@@ -174,10 +174,11 @@ def test_posterior_whitening_and_explained_part_are_those_of_dense_matrices() ->
 def test_a_slope_in_any_unit_has_the_difference_of_the_halves_of_enough_rows() -> None:
     """Of more than six rows per parameter, whose two halves have the slopes 1 and 1.2 here."""
     rng = np.random.default_rng(3)
-    for count, is_enough in ((12, False), (13, True)):
+    for count, is_enough in ((12, False), (13, True), (400, True)):
         columns, turned = rng.normal(size=(count, 2)), np.arange(count) >= count // 2
         torque = columns[:, 0] - (1 + 0.2 * turned) * columns[:, 1]
         torque += 0.01 * rng.normal(size=count)
+        torque += 0.3 * (count > 100) * np.sin(np.arange(count) / 20)  # that of a gear
         slope, error = fitted_slope(columns, torque, 1.0)
         assert (error > 0.08) == is_enough
         for unit in (1e-3, 1e3):
