@@ -46,17 +46,6 @@ READERS: dict[str, Use] = {
 
 
 @contextmanager
-def limits(kind: int, value: int) -> Iterator[None]:
-    """Set a limit of the process for a while."""
-    before = resource.getrlimit(kind)
-    resource.setrlimit(kind, (value, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(kind, before)
-
-
-@contextmanager
 def limited() -> Iterator[None]:
     """Let nothing take 2 GB more than now, or more than ten seconds."""
 
@@ -66,10 +55,12 @@ def limited() -> Iterator[None]:
     in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     signal.signal(signal.SIGALRM, too_long)
     signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (in_use + MEMORY_BYTES, before[1]))
     try:
-        with limits(resource.RLIMIT_AS, in_use + MEMORY_BYTES):
-            yield
+        yield
     finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
