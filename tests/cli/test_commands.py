@@ -1,7 +1,6 @@
 """Each command is the call of the library that it stands for, as text, as JSON and on stdout."""
 
 import json
-import runpy
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
 from functools import cache
@@ -208,39 +207,6 @@ def test_a_command_is_the_call_of_the_library(
     if suffix:
         assert said.err.splitlines()[-1].startswith(f"Results: {file}")
     assert {*arm.iterdir()} == before
-
-
-@pytest.mark.slow  # a command with a robot each
-def test_files_of_a_command_are_those_of_the_library(arm: Path, tmp_path: Path) -> None:
-    """Logs with errors of encoders, plans within limits, and code with payloads."""
-    line = ("simulate", *robot_and_drives(arm), arm / "short_plan.json")
-    noise = ("--joint-offset", "elbow=0.02", "--motor-offset", "0.3", "--torque-std", "0.001")
-    done(*line, *noise, "--seed", "1", "-o", tmp_path / "off.csv")
-    robot, plan = robot_of(arm), seaid.load_trajectory(arm / "short_plan.json")
-    off = seaid.read_log(tmp_path / "off.csv", robot)
-    errors = {"joint_offset_rad": (0.0, 0.02), "motor_offset_rad": (0.3, 0.3)}
-    own = seaid.simulate(robot, plan, noise=seaid.Noise(**errors, torque_std_Nm=0.001), seed=1)
-    for channel in ("motor_position", "motor_torque", "joint_position"):
-        np.testing.assert_allclose(getattr(off, channel), getattr(own, channel), atol=1e-9)
-
-    search = ("--duration", "2", "--starts", "1", "--iterations", "3", "--seed", "1")
-    limits = ("--motor-speed", "elbow=60", "--deflection", "elbow=0.02")
-    done("excite", *robot_and_drives(arm), *search, *limits, "-o", tmp_path / "plan.json")
-    bounds = seaid.Limits(motor_speed={"elbow": 60.0}, deflection={"elbow": 0.02})
-    options: Any = {"duration": 2.0, "starts": 1, "iterations": 3, "seed": 1}
-    with pytest.warns(seaid.SeaidWarning, match="raise iterations"):
-        planned = seaid.design_excitation(robot, limits=bounds, **options).trajectory
-    read = seaid.load_trajectory(tmp_path / "plan.json")
-    np.testing.assert_allclose(read.coefficients, planned.coefficients)
-
-    known = ("--payload", "lower:2:0.1,0,0", "--parameters", arm / "run.json")
-    done("export", arm / "arm.urdf", *known, "-o", tmp_path / "loaded.py")
-    states = np.random.default_rng(5).normal(size=(3, 4, 2))
-    found = runpy.run_path(str(tmp_path / "loaded.py"))["inverse_dynamics"](*states)
-    payload = seaid.Payload("lower", 2.0, (0.1, 0.0, 0.0))
-    loaded = seaid.load_robot(arm / "arm.urdf", payloads=[payload])
-    loaded = seaid.export.read_parameters(arm / "run.json", loaded)
-    np.testing.assert_allclose(found, seaid.regressor.joint_torques(loaded, *states), atol=1e-9)
 
 
 def test_every_limit_and_gravity_is_an_option(arm: Path) -> None:

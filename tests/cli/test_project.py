@@ -118,15 +118,6 @@ def test_a_run_outlives_its_robot_file(project: Path, tmp_path: Path) -> None:
         (project / "gone.urdf").rename(project / "arm.urdf")
 
 
-def test_a_saved_run_needs_no_project(
-    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = (project / "runs" / "latest").resolve()
-    monkeypatch.chdir(tmp_path)
-    assert "Unseen motion" in done("validate", project / "other.csv", "--run", run).out
-    done("export", "--run", run / "identification.npz", "-o", "found.urdf")
-
-
 @pytest.mark.slow  # 0.9 s
 def test_what_changed_since_a_run_is_said(here: Path, project: Path) -> None:
     copy = here / "copy"

@@ -6,14 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.benchmarks import hysteresis
 from seaid.drives.equations import states
 from seaid.errors import IdentificationError
-from seaid.identification import compare_terms, identify
-from seaid.simulation.simulation import measure
+from seaid.identification import compare_terms
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion
 from tests.mistakes import with_torque
-from tests.terms import ELASTIC, STIFF, TIME, arm, exact_motion, noisy_log, with_terms
+from tests.terms import ELASTIC, STIFF, TIME, arm, exact_motion, noisy_log
 
 ROBOT = leg(TEST_MASS).without_nominal()
 
@@ -108,21 +106,6 @@ def test_unknown_terms_are_refused(field: str, term: str, words: str) -> None:
         compare_terms(ROBOT, leg_log(3), terms={field: (term,)})
 
 
-@pytest.mark.slow  # 1.2 s
-def test_a_width_of_coulomb_friction_is_recommended() -> None:
-    """A torque that turns with the direction of the hip over 15 rad/s, a tenth of its speeds."""
-    speed = leg_motion(TEST_MASS).motor_velocity[:, 1]
-    own = leg().drives["hip_roll"].values["coulomb_friction"]
-    log = with_torque("hip_roll", (own + 0.05) * np.tanh(speed / 15.0) - own * np.sign(speed))
-    found = compare_terms(ROBOT, log, joints=["hip_roll"])
-    assert dict(found.recommended) == {"hip_roll": (("friction", "smooth_coulomb"),)}
-    drive = found.robot.drives["hip_roll"]
-    assert drive.friction == ("viscous", "smooth_coulomb")
-    assert drive.known == ()
-    width = identify(found.robot, log).drives["hip_roll"].value("coulomb_width")
-    assert width == pytest.approx(15.0, rel=0.2)
-
-
 def test_a_term_that_the_log_has_no_equation_for_says_so() -> None:
     log = with_torque("knee_pitch", np.nan)
     sensed = np.full_like(log.motor_torque, np.nan)
@@ -132,23 +115,3 @@ def test_a_term_that_the_log_has_no_equation_for_says_so() -> None:
     (one,) = found.comparisons
     assert one.comparison is None
     assert one.reason.startswith("it has no column: the log lacks its equation")
-
-
-@pytest.mark.slow  # a comparison of all terms
-def test_a_dead_zone_whose_teeth_bounce_is_found_at_a_higher_cutoff(tmp_path: Path) -> None:
-    """At the cutoff of this motion the searched dead zone explains a tenth of the residual."""
-    _, contact, terms, values = hysteresis.CASES["backlash, contact of 4000 N m/rad"]
-    truth = arm(tmp_path, STIFF, with_terms(contact, terms, values))
-    log = measure(truth, hysteresis.motion_of(truth, 0), hysteresis.SENSORS, 0)
-    known = arm(tmp_path, STIFF, contact).without_nominal()
-    terms = {"spring": ("dahl", "dead_zone")}
-    found = compare_terms(known, log, joints=["two"], terms=terms)
-    assert dict(found.recommended) == {"two": (("spring", "dead_zone"),)}
-    (chosen,) = (one for one in found.comparisons if one.selected)
-    first = [one for one in found.comparisons if one.cutoff_hz is None]
-    assert not any(one.is_supported for one in first)
-    assert chosen.cutoff_hz is not None
-    assert f"spring dead_zone at {chosen.cutoff_hz:.3g} Hz" in str(found)
-    assert chosen.values["dead_zone"] == pytest.approx(0.005, rel=0.1)
-    given = compare_terms(known, log, joints=["two"], terms=terms, cutoff_hz=6.0)
-    assert all(one.cutoff_hz is None for one in given.comparisons)

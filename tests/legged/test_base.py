@@ -462,21 +462,6 @@ def test_mjcf_has_the_mass_matrix_of_the_floating_robot(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, (Y @ go2().parameters)[0], atol=1e-6)
 
 
-@pytest.mark.slow  # 24 s of MuJoCo with contacts, and 94 parameters of 18 equations
-def test_bodies_of_a_quadruped_that_lifts_its_feet() -> None:
-    contacts, found = base_of(walked()).contacts, found_walking()
-    assert all(0.8 < np.mean(contacts[foot]) < 0.99 for foot in GO2.feet)
-    assert found.verdict.level == "good", found.warnings
-    assert len(found.load.values) == 94
-    truth = found.base.project(go2().parameters)
-    lower, upper = found.load.interval().T
-    assert np.mean((lower < truth) & (truth < upper)) > 0.88  # 92 to 98 % over draws
-    mass = found.base.names.index("m_base")
-    assert found.load.values[mass] == pytest.approx(truth[mass], rel=0.002)
-    rows = [found.base.names.index(name) for name in ("mx_base", "my_base", "mz_base")]
-    assert np.max(np.abs(found.load.values - truth)[rows]) / truth[mass] < 0.001
-
-
 @pytest.mark.slow  # 36 s of MuJoCo with contacts, and 94 parameters of 18 equations
 def test_forces_of_feet_are_those_of_the_simulator(tmp_path: Path) -> None:
     found = found_walking()

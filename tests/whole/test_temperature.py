@@ -72,20 +72,6 @@ def test_friction_of_a_warming_motor_is_recovered_within_its_intervals() -> None
     assert not any(one.severity == "wrong" for one in found().warnings)
 
 
-@pytest.mark.slow  # 1.6 s
-@pytest.mark.parametrize(
-    ("slopes", "expected"),
-    [(tuple(SLOPES.values()), ((("friction", "viscous_temperature")),)), ((0.0, 0.0), ())],
-)
-def test_the_term_is_selected_where_the_data_support_it(
-    slopes: tuple[float, ...], expected: tuple[tuple[str, str], ...]
-) -> None:
-    selection = seaid.compare_terms(robot_of(TERMS[:2]), log_at(ramp(), slopes), joints=KNEE)
-    compared = {one.term for one in selection.comparisons}
-    assert {"viscous_temperature", "coulomb_temperature"} <= compared
-    assert selection.recommended.get(KNEE, ()) == expected
-
-
 def test_without_a_temperature_no_such_term_is_compared() -> None:
     log = replace(log_at(ramp()), motor_temperature=None)
     terms = {"friction": ["quadratic"]}
