@@ -15,12 +15,11 @@ from seaid.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import Trajectory
 from seaid.legged import load_robot
-from seaid.log import Log, reconstruct_motion
+from seaid.log import Log
 from seaid.robot import Robot
-from seaid.simulation import simulate
 from seaid.view.panel import deflection_colors, legend, scales
 from seaid.view.picture import NEUTRAL
-from seaid.view.playback import Playback, playback_of, sampled
+from seaid.view.playback import Playback, playback_of
 from tests.experiments import arm, arm_found, arm_log, leg
 from tests.plants import picked, polynomial_trajectory
 
@@ -111,25 +110,6 @@ def test_coupled_drives_tell_their_joints_and_deflections(
     if is_elastic:
         about_mean = deflection - deflection.mean(axis=0)
         np.testing.assert_allclose(played.deflection, about_mean, atol=1e-12)
-
-
-@pytest.mark.slow  # 0.7 s
-def test_plan_is_played_with_the_deflections_of_the_nominal_model(robot: Robot) -> None:
-    trajectory = plan(robot)
-    played = playback_of(robot, trajectory, "plan")
-    position, _, _ = trajectory.sample(played.time)
-    np.testing.assert_array_equal(played.position, position)
-    assert played.notes == ("planned; deflections are those of the nominal model",)
-
-    run = simulate(robot, trajectory, rate_hz=500.0)
-    previous_logs = playback_of(robot, run, "run")
-    of_log = previous_logs.deflection[:, SPRINGS]
-    nominal = sampled(run.time - run.time[0], played.time, played.deflection)[:, SPRINGS]
-    np.testing.assert_allclose(nominal, of_log, atol=0.05 * np.max(np.abs(of_log)))
-
-    motion = reconstruct_motion(robot, run, 20.0)
-    filtered = playback_of(robot, motion, "motion")
-    np.testing.assert_allclose(filtered.position, previous_logs.position, atol=1e-4)
 
 
 def test_between_samples_it_is_on_the_line(robot: Robot) -> None:

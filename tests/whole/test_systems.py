@@ -15,14 +15,13 @@ from seaid.symbolic import (
     BaseForm,
     RegressorForm,
     base_parameters,
-    equations_of_motion,
     reduce,
     separate,
 )
 from tests.one_joint import BODY
 from tests.plants import write_robot
 from tests.representatives import quick_only
-from tests.symbolic.systems import DIGITS, SYSTEMS, Offset, System, arm, leftmost
+from tests.symbolic.systems import DIGITS, SYSTEMS, System, leftmost
 
 Values = dict[sp.Expr, sp.Expr]
 
@@ -93,49 +92,6 @@ def check_base(system: System, form: RegressorForm, base: BaseForm) -> None:
         for j, value in enumerate(row):
             parts = [row[pivot] * line[j] for pivot, line in zip(base.pivots, echelon, strict=True)]
             assert abs(value - mp.fsum(parts)) <= 1e-20 * max(1, *map(abs, parts))
-
-
-# Systems that textbooks print, each with its published number or list of base parameters
-
-F_v, F_C, k, r_M, r_L, N = sp.symbols("F_v F_C k r_M r_L N")
-
-
-def base_of_arm(axes: str, offsets: list[Offset]) -> BaseForm:
-    lagrangian, q, parameters = arm(axes, offsets)
-    torques = sp.symbols(f"tau1:{len(q) + 1}")
-    return reduce(separate(equations_of_motion(lagrangian, q, torques), q, parameters))
-
-
-a2, a3, d2, d3, d4, d6, l1, l2, l3 = sp.symbols("a2 a3 d2 d3 d4 d6 l1 l2 l3")
-HERE: Offset = (0, 0, 0)
-ARMS = {
-    "pendulum, horizontal axis": ("y", [HERE], 3),
-    "pendulum, vertical axis": ("z", [HERE], 1),
-    "planar 3R, vertical plane": ("yyy", [HERE, (l1, 0, 0), (l2, 0, 0)], 9),
-    "three joints in space, all offsets": ("zyx", [HERE, (l1, l2, l3), (a2, a3, d3)], 15),
-    "SCARA": ("zzZz", [HERE, (l1, 0, 0), (l2, 0, 0), HERE], 8),
-    "PUMA 560": ("zyyxyx", [HERE, (0, d2, 0), (a2, 0, 0), (a3, d3, d4), HERE, HERE], 36),
-    "Stanford arm": ("zyZzyz", [HERE, (0, d2, 0), HERE, HERE, HERE, (0, 0, d6)], 33),
-}
-
-
-SIX_JOINTS = {"PUMA 560", "Stanford arm"}  # thousands of products of six sines
-
-
-@pytest.mark.parametrize("name", quick_only(ARMS, set(ARMS) - SIX_JOINTS))
-def test_arm_has_its_published_number_of_base_parameters(name: str) -> None:
-    axes, offsets, published = ARMS[name]
-    assert len(base_of_arm(axes, offsets).pivots) == published
-
-
-def test_sine_and_cosine_that_are_not_reduced_count_nine_instead_of_eight() -> None:
-    lagrangian, q, parameters = arm("zy", [HERE, (l1, 0, 0)])
-    equations = equations_of_motion(lagrangian, q, sp.symbols("tau1:3"))
-    assert len(reduce(separate(equations, q, parameters)).pivots) == 8
-    s1, c1, s2, c2 = sp.symbols("s1 c1 s2 c2")
-    names = {sp.sin(q[0]): s1, sp.cos(q[0]): c1, sp.sin(q[1]): s2, sp.cos(q[1]): c2}
-    independent = [equation.xreplace(names) for equation in equations]
-    assert len(reduce(separate(independent, [*q, s1, c1, s2, c2], parameters)).pivots) == 9
 
 
 # (alpha [deg], d, r) of Khalil and Dombre (2002), table 3.1, with other lengths for d3 and r4
