@@ -42,26 +42,10 @@ def test_a_number_with_its_noun(number: int, noun: str, text: str) -> None:
     assert counted(number, noun) == text
 
 
-def test_objects_in_one_line(log: seaid.Log, found: seaid.Identification) -> None:
-    """What is not at its default, in numbers of a few digits; a drive is made of its line again."""
+def test_a_drive_is_made_of_its_line_again_and_a_long_name_is_cut() -> None:
     drive = seaid.StiffDrive(gear_ratio=50.0, motor_input="current")
     assert eval(repr(drive), {"StiffDrive": seaid.StiffDrive}) == drive
-    samples = "6,001 samples, 6.00 s at 1000 Hz, joints rail, shoulder, telescope, wrist"
-    spring, warnings = found.drives["shoulder"], counted(len(found.warnings), "warning")
-    start = f"Identification('mixed_arm': 4 drives, {len(found.load.names)} base parameters, "
-    lines = {
-        repr(arm()): "Robot('mixed_arm': 4 joints, 2 springs)",
-        repr(drive): "StiffDrive(motor_input='current', gear_ratio=50.0)",
-        repr(log): f"Log({samples}: motor position, joint position, motor torque)",
-        repr(seaid.reconstruct_motion(arm(), log, 8.0)): f"Motion({samples}, cutoff 8 Hz)",
-        repr(found): f"{start}cutoff {found.cutoff_hz:.3g} Hz, {warnings})",
-    }
-    assert [*lines] == [*lines.values()]
-    assert repr(spring).startswith("Estimate(5 parameters: viscous_friction ")
-    assert f"stiffness {spring.value('stiffness'):.4g} +- " in repr(spring)
-    worst = 100 * np.nanmax(seaid.validate(found, log).actuator.relative_error)
-    error = f"relative error at most {worst:.2g} % (motor torque), "
-    assert error in repr(seaid.validate(found, log))
+    assert repr(arm()) == "Robot('mixed_arm': 4 joints, 2 springs)"
     name = repr(replace(arm(), name="two\nlines" + "x" * 1_000))
     assert "two\\nlines" in name
     assert len(name) < 330

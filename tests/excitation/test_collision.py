@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError, SeaidWarning
 from seaid.excitation import Box, load_scene
-from seaid.excitation.collision import Scene, collision_geometry, distance_gradients, distances
+from seaid.excitation.collision import Scene, distance_gradients, distances
 from seaid.legged import load_robot
 from seaid.robot import Robot
 from tests.one_joint import BODY
@@ -187,32 +186,6 @@ def test_bodies_that_always_overlap_are_ignored_with_a_warning(write_urdf: Write
     assert scene.ignored == (("upper", "tool"),)
     assert scene.pairs == (("ground", "lower"), ("ground", "tool"))
     assert distances(scene, np.zeros((1, 3))).shape == (1, 2)
-
-
-def test_placements_are_those_of_the_file_with_order_and_locked_joints(
-    crane: tuple[Path, Robot],
-) -> None:
-    path, robot = crane
-    geometry, links = collision_geometry(path, robot, ())
-    model = pin.buildModelFromUrdf(str(path))
-    reference = pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.COLLISION)
-    data, placed = model.createData(), reference.createData()
-    own_data, own_placed = robot.model.createData(), geometry.createData()
-    for q in positions(10, 4):
-        full = pin.neutral(model)
-        for name, value in zip(CRANE_JOINTS, q, strict=True):
-            at = model.joints[model.getJointId(name)].idx_q
-            full[at : at + 2] = (
-                [np.cos(value), np.sin(value)] if name == "b_turn" else full[at : at + 2]
-            )
-            if name != "b_turn":
-                full[at] = value
-        pin.updateGeometryPlacements(model, data, reference, placed, full)
-        ordered = q[list(robot.model_order)]
-        pin.updateGeometryPlacements(robot.model, own_data, geometry, own_placed, ordered)
-        for ours, theirs in zip(own_placed.oMg, placed.oMg, strict=True):
-            np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, atol=1e-12)
-    assert links == tuple(model.frames[o.parentFrame].name for o in reference.geometryObjects)
 
 
 def mesh_arm(filename: str) -> str:
