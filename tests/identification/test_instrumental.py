@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache, partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,12 +27,10 @@ from seaid.log import Motion, reconstruct_motion
 from seaid.regressor import actuator_regression, base_parameters, load_regression
 from seaid.regressor.load import LoadModel, load_model
 from seaid.robot import Robot
-from seaid.simulation import Noise, simulate
+from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import DATA, drive_errors, perfect_log, wiggle
 from tests.representatives import quick_first
-from tests.terms import STIFF
-from tests.terms import arm as two_joints
 
 SPRINGS = ("shoulder", "telescope")
 TRUTH = load_robot(
@@ -89,20 +86,6 @@ def test_spring_carries_the_torque_of_the_fitted_bodies() -> None:
         mine = rows.joint == robot.index(joint)
         residual = rows.y[mine] - rows.H[mine] @ fitted.load_side
         assert np.max(np.abs(residual)) < 1e-9 * np.max(np.abs(rows.y[mine]))
-
-
-@pytest.mark.slow  # a search for instruments in the log of the arm
-def test_stiff_drives_have_hardly_any_instruments_and_that_is_said(tmp_path: Path) -> None:
-    robot = two_joints(tmp_path, STIFF, STIFF)
-    sensors = Noise(motor_resolution_rad=2 * np.pi / 2**10, torque_std_Nm=0.001)
-    trajectory = wiggle(robot, 4.0, (0.0, 0.0), (1.2, 1.5))
-    log = simulate(robot, trajectory, rate_hz=250.0, noise=sensors, seed=1)
-    plain, found = (
-        identify(robot.without_nominal(), log, estimator=name) for name in ("wls", "iv")
-    )
-    change = found.load.values - plain.load.values
-    assert np.max(np.abs(change) / plain.load.standard_errors) < 0.1
-    assert "weak-instruments" in {one.code for one in found.warnings}
 
 
 def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -311,25 +311,6 @@ def test_joint_is_held_by_its_own_friction_while_its_motor_moves(write_chain: Ch
     assert np.all(joint[first:] > 0)
 
 
-@pytest.mark.slow  # seconds of a swing in short steps
-def test_joint_friction_brings_a_swinging_load_to_rest(write_chain: Chain) -> None:
-    """Each half swing loses the same where a spring pulls: the amplitude falls by 2 F_C / k."""
-    values = {"coulomb_friction": 1e3, "joint_coulomb_friction": 0.6}
-    drive = elastic(values, joint_friction=("coulomb",))
-    plant = plant_of(pendulum(write_chain, drive, g=0.0))
-    state = np.zeros((4, 1))
-    state[JOINT_POSITION] = 0.048
-    states = run(plant, state, lambda _: np.zeros(1), 3.0, 1e-3)
-    joint, speed = states[:, JOINT_POSITION, 0], states[:, JOINT_SPEED, 0]
-    turns = joint[1:-1][(np.diff(joint)[:-1] * np.diff(joint)[1:]) < 0]
-    swings = [0.048 - 0.01 * number for number in range(1, len(turns) + 1)]
-    assert len(turns) >= 3
-    assert np.abs(turns) == pytest.approx(swings, rel=5e-3)
-    assert np.all(speed[-300:] == 0)
-    assert np.all(joint[-300:] == joint[-1])
-    assert abs(120 * joint[-1]) < 0.6
-
-
 def test_held_joint_of_a_differential_stays_while_the_other_moves(write_chain: Chain) -> None:
     """Joint a rubs and stays: both motors pull b alone, through their springs."""
     drive = SeriesElasticDrive(

@@ -50,36 +50,6 @@ LEG = "FL_hip_joint,FL_thigh_joint,FL_calf_joint"
 MODELS = experiments.MODELS
 
 
-@pytest.fixture(scope="module")
-def go2(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of a finished project of one leg."""
-    pytest.importorskip("cmeel")
-    folder = tmp_path_factory.mktemp("go2")
-    gains = ("--position-gain", "20", "--velocity-gain", "1.5")
-    done("init", "go2", GO2, "--joints", LEG, *gains, "--folder", folder)
-    done("run", folder)
-    return folder
-
-
-@pytest.mark.slow  # an identification and replays of a whole log
-def test_three_commands_lead_from_the_log_to_a_model_that_replays_it_better(
-    go2: Path, tmp_path: Path
-) -> None:
-    model = tmp_path / "leg.xml"
-    done("export", "--run", go2 / "runs" / "latest", "-o", model)
-    assert "<position" in model.read_text() or "<general" in model.read_text()
-    saved = seaid.project.load_run(go2 / "runs" / "latest")
-    (moved,) = saved.replays.values()
-    before, after = moved.mean_absolute_errors
-    assert np.all(after < 0.2 * before)
-    assert after.mean() < 6e-3
-    drives = saved.identification.robot.drives
-    assert all(1e-4 < one.values["motor_inertia"] < 0.1 for one in drives.values())
-    page = (go2 / "runs" / "latest" / "report.html").read_text(encoding="utf-8")
-    assert page.count("Replayed position of") == 3
-    assert "all joints" in (go2 / "runs" / "latest" / "summary.txt").read_text()
-
-
 def test_gains_that_nobody_gave_are_asked_for(tmp_path: Path) -> None:
     made = seaid.write_first_project("go2", [GO2], joints=LEG.split(","), folder=tmp_path)
     drives = tmp_path / "go2_drives.toml"
