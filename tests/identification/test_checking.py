@@ -1,7 +1,5 @@
 """Mistakes of a set-up are named with a remedy that repairs them; right set-ups have no warning."""
 
-import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -14,10 +12,9 @@ from seaid._arrays import Array
 from seaid.checks.experiment import fitted
 from seaid.estimation.qr_factor import fitted_slope
 from seaid.identification import check
-from seaid.log import Log
-from seaid.robot import Payload, Robot
-from tests.experiments import TEST_MASS, arm, arm_log, leg, leg_log, leg_motion
-from tests.mistakes import CASES, changed, described, of_joint, unlogged, worst
+from seaid.robot import Robot
+from tests.experiments import arm, arm_log
+from tests.mistakes import CASES
 from tests.one_joint import one_joint
 from tests.plants import log_with
 from tests.representatives import quick_only
@@ -31,64 +28,6 @@ def test_right_set_ups_have_no_warning(case: str, seed: int) -> None:
 
 
 CHANNELS = {"t": "motor_torque", "q": "joint_position", "m": "motor_position"}
-
-
-def times(factor: float, channels: str, j: int | None = None) -> Callable[[Log], Log]:
-    """Return what multiplies channels of joint j, or of all."""
-    factors = {CHANNELS[one]: factor for one in channels}
-    return lambda log: changed(log, factors) if j is None else of_joint(log, j, **factors)
-
-
-def exchanged(i: int, j: int, channels: str) -> Callable[[Log], Log]:
-    """Return what exchanges channels of two joints."""
-
-    def change(log: Log) -> Log:
-        order = np.arange(len(log.joint_names))
-        order[[i, j]] = order[[j, i]]
-        return replace(log, **{CHANNELS[x]: getattr(log, CHANNELS[x])[:, order] for x in channels})
-
-    return change
-
-
-PLANTED: list[tuple[str, str, int | None, Callable[[Log], Log]]] = [
-    # each channel of a spring and each kind of joint: code, joint, and what is done to the log
-    *(("leg", "sign", j, times(-1.0, x, j)) for j, x in ((2, "t"), (2, "q"), (2, "m"), (2, "tqm"))),
-    *(("leg", "sign", j, times(-1.0, x, j)) for j, x in ((0, "t"), (4, "q"))),
-    *(("arm", "sign", j, times(-1.0, x, j)) for j, x in ((1, "t"), (2, "m"), (3, "tqm"))),
-    *((case, "unit", 2, times(x, "t", 2)) for case, x in (("leg", 1e3), ("arm", 1e-3))),
-    *((case, "unit", None, times(x, "t")) for case, x in (("leg", 1e-3), ("arm", 1e3))),
-    *(("leg", "unit", j, times(180 / np.pi, x, j)) for j, x in ((3, "q"), (3, "m"), (0, "qm"))),
-    *(
-        ("leg", "swapped-joints", None, exchanged(*places))
-        for places in ((0, 1, "t"), (2, 3, "t"), (2, 3, "qm"), (1, 4, "tqm"))
-    ),
-]
-
-
-@pytest.mark.slow  # 0.7 s
-@pytest.mark.parametrize(("case", "code", "j", "change"), PLANTED)
-def test_a_mistake_of_springs_is_named_and_the_remedy_repairs_it(
-    case: str, code: str, j: int | None, change: Callable[[Log], Log]
-) -> None:
-    robot, wrong = CASES[case][0](), change(CASES[case][1]())
-    finding = worst(robot, wrong)
-    assert (finding.code, finding.severity) == (code, "wrong")
-    assert j is None or finding.joint == robot.joint_names[j]
-    assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
-
-
-@pytest.mark.slow  # 1.5 s
-def test_torques_behind_the_gears_under_the_name_of_the_motors() -> None:
-    robot, sensed = leg(TEST_MASS), leg_motion(TEST_MASS).joint_torque
-    finding = worst(robot, replace(leg_log(), motor_torque=sensed))
-    assert (finding.code, finding.severity) == ("unit", "wrong")
-    assert "behind the gear" in finding.message
-    joints = tomllib.loads(finding.remedy.split("\n", 1)[1])["joints"]
-    assert joints == {
-        joint: {"joint_torque": f"{joint}.motor_torque_Nm"} for joint in robot.elastic_joints
-    }
-    right = replace(unlogged(leg_log(), "motor_torque"), joint_torque=sensed)
-    assert seaid.check(robot, right).warnings == ()
 
 
 def with_masses_of_cad(robot: Robot, seed: int) -> Robot:
@@ -110,58 +49,6 @@ def test_a_tilt_of_few_degrees_is_distinguished_from_errors_of_nominal_masses(se
     # A joint that slides along the tilted axis shows the tilt with any bodies.
     assert finding.evidence["misfit without it"] < 0.01 < 0.1 < finding.evidence["misfit as given"]
     assert finding.evidence["tilt [deg]"] == pytest.approx(4.0, abs=0.1)
-
-
-IN_FRONT = (0.15, 0.0, 0.0)
-
-
-@pytest.mark.slow  # several checks of the leg
-@pytest.mark.parametrize(
-    ("declared", "severity", "within"),
-    [
-        (Payload("shank", 2.0, IN_FRONT), "wrong", 1e-9),
-        (Payload("foot", 4.0, IN_FRONT), "wrong", 1e-9),
-        (None, "doubtful", 0.1),
-    ],
-    ids=["elsewhere", "heavier", "absent"],
-)
-def test_a_payload_that_is_declared_otherwise_is_estimated(
-    declared: Payload | None, severity: str, within: float
-) -> None:
-    """The log is that of 2 kg on the foot; next to rough masses of the file it is found as well."""
-    robot = leg(declared) if declared else leg()
-    finding = worst(robot, leg_log())
-    assert (finding.code, finding.severity) == ("payload", severity)
-    option, _, project = finding.remedy.partition(", or in seaid.toml\n")
-    (payload,) = tomllib.loads(project)["payload"]
-    assert option.startswith(f"option: --payload foot:{payload['mass_kg']:.3g}:")
-    assert payload["link"] == "foot"
-    assert payload["mass_kg"] == pytest.approx(2.0, abs=within)
-    assert payload["com_m"] == pytest.approx(IN_FRONT, abs=0.01)
-    if declared == Payload("foot", 4.0, IN_FRONT):
-        finding = worst(with_masses_of_cad(robot, 5), leg_log(5))
-        assert finding.code == "payload"
-        assert float(finding.remedy.split(":")[2]) == pytest.approx(2.0, rel=0.02)
-
-
-@pytest.mark.slow  # several checks of the leg or the arm
-@pytest.mark.parametrize("case", CASES)
-def test_a_unit_of_all_torques_does_not_hide_exchanged_encoders(case: str) -> None:
-    robot, log = CASES[case][0](), CASES[case][1]()
-    i, j = (2, 3) if case == "leg" else (1, 3)
-    order = np.arange(robot.n)
-    order[[i, j]] = order[[j, i]]
-    wrong = replace(
-        changed(log, {"motor_torque": 1e3}), joint_position=log.joint_position[:, order]
-    )
-    warnings = seaid.check(robot, wrong).warnings
-    assert {(one.code, one.joint) for one in warnings} == {
-        ("unit", ""),
-        ("swapped-joints", robot.joint_names[i]),
-    }
-    for one in warnings:
-        wrong = described(wrong, one.remedy)
-    assert seaid.check(robot, wrong).warnings == ()
 
 
 def spring_rows(error_rad: float, seed: int) -> tuple[Array, Array]:

@@ -29,28 +29,6 @@ from tests.plants import log_with, write_columns
 MODELS = experiments.MODELS
 
 
-@pytest.mark.slow  # simulates the leg
-def test_gear_ratios_and_springs_come_from_both_encoders(tmp_path: Path) -> None:
-    shutil.copy(MODELS / "tulip_leg.urdf", tmp_path / "leg.urdf")
-    logs = [tmp_path / "run0.npz", tmp_path / "run1.npz"]
-    for seed, path in enumerate(logs):
-        seaid.write_log(experiments.leg_log(seed), path)
-    made = write_first_project(tmp_path / "leg.urdf", logs, folder=tmp_path)
-    project = load_project(tmp_path)
-    drives = project.robot().drives
-    for joint, true in experiments.leg().drives.items():
-        drive, ratio = drives[joint], true.ratio * true.load_radius / true.motor_radius
-        error = drive.std["gear_ratio"]
-        assert error < (3e-3 if true.is_elastic else 2e-4) * ratio
-        assert drive.ratio == pytest.approx(ratio, abs=3 * error)
-        assert true.is_elastic or drive.ratio == ratio  # which the encoders show within 1 in 10^4
-        assert drive.is_elastic == true.is_elastic
-    assert [one.use for one in project.logs] == ["identify", "validate"]
-    assert any(one.startswith("knee_pitch: gear_ratio = ") for one in made.doubts)
-    text = (tmp_path / "seaid.toml").read_text()
-    assert text.count("# unsure: ") == len(made.doubts)
-
-
 def test_a_slide_that_moves_by_millimetres_is_not_locked(tmp_path: Path) -> None:
     """A screw with a lead of 4 mm turns 1571 rad/m: 44 mm are little next to 69 rad only."""
     time = np.arange(4000) / 200
