@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 
@@ -22,7 +22,46 @@ import seaid
 from scripts.short_form import PLAN_S, add_quick, few, plan, sized
 from seaid._arrays import Array
 from tests.experiments import ELASTIC, TEST_MASS, leg
-from tests.linear_plant import ThreeMass, TwoMass, multisine_torque
+from tests.linear_plant import TwoMass, multisine_torque, state_space
+
+
+@dataclass(frozen=True)
+class ThreeMass(TwoMass):
+    """The same with an elastic load: a part of its inertia behind a second, light spring."""
+
+    outer: float = 0.5
+    """Part of the load's inertia behind the second spring."""
+    outer_stiffness: float = 1e4
+    outer_damping: float = 1.0
+
+    @property
+    def matrices(self) -> tuple[Array, Array]:
+        """A and B of the state (motor angle, position, outer position, their speeds)."""
+        N, k, c = self.gear_ratio, self.stiffness, self.damping
+        part = self.outer * self.load
+        mass = np.diag([self.motor_inertia, self.load - part, part])
+        pull = np.zeros((3, 3))
+        pull[:2, :2] = [[1 / N**2, -1 / N], [-1 / N, 1.0]]
+        second = np.zeros((3, 3))
+        second[1:, 1:] = [[1.0, -1.0], [-1.0, 1.0]]
+        weight = np.diag([0.0, self.gravity * (1 - self.outer), self.gravity * self.outer])
+        stiffness = k * pull + self.outer_stiffness * second + weight
+        damping = c * pull + self.outer_damping * second + np.diag([self.friction, 0.0, 0.0])
+        return state_space(mass, stiffness, damping)
+
+    @property
+    def modes(self) -> Array:
+        """Those of the lowest resonance and antiresonance."""
+        A, _ = self.matrices
+        held = A[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])]
+        pairs = []
+        # with a free motor the lowest pole is that of the pendulum, and the last is of the load
+        for matrix, place in ((A, -2), (held, 0)):
+            poles = np.linalg.eigvals(matrix)
+            pole = sorted(poles[poles.imag > 0], key=abs)[place]
+            pairs.append((abs(pole) / (2 * np.pi), -pole.real / abs(pole)))
+        return np.ravel(pairs)
+
 
 DRIVES = {
     # of the size of an ANYdrive, with the spring of 159.8 N m/rad of published dead weights, of a

@@ -19,7 +19,6 @@ from seaid.log import Log
 from tests.experiments import with_drive
 from tests.linear_plant import (
     RATE_HZ,
-    ThreeMass,
     TwoMass,
     driven,
     log_of,
@@ -236,29 +235,6 @@ def test_the_table_has_every_number_and_warning(tmp_path: Path) -> None:
     assert re.search(r"\barm +antiresonance_damping ", text)
     assert "hidden-resonance" in text
     assert repr(found).startswith("FrequencyResponse(joints arm: ")
-
-
-@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
-def test_dry_friction_of_a_third_of_the_torque_leaves_the_spring(tmp_path: Path) -> None:
-    """With smoothed speeds, and lines through standstill, the standard error was 0.4 to 1.2 %."""
-    plant = TwoMass(154.8, 3.4e-6, 8e-5, 77.7, 0.1, 0.33, 9.8)
-    torque = multisine_torque(0.06, period_s=5.0, periods=2, top_hz=2 * plant.modes[0], left_out=4)
-    log = plant.log(torque, coulomb=0.02, torque_std=0.0012)
-    stepped = np.round(log.motor_position / (2 * np.pi / 2000)) * (2 * np.pi / 2000)
-    robot = with_drive(plant.robot(tmp_path), "arm", friction=("viscous", "coulomb"))
-    found = frequency_response(robot, replace(log, motor_position=stepped), period_s=5.0)
-    assert values(found, "stiffness") == pytest.approx([plant.stiffness], rel=6e-3)
-    assert found.drives["arm"].standard_error("stiffness") < 3e-3 * plant.stiffness
-
-
-@pytest.mark.slow  # 1.0 s
-def test_an_elastic_load_leaves_spring_and_resonance(tmp_path: Path) -> None:
-    """A third mass on a light spring, whose mode is five times the resonance."""
-    plant = ThreeMass(50.0, 6e-5, 2e-4, 159.8, 0.3, 0.3, 8.0, 0.3, 2500.0, 0.3)
-    log = plant.log(multisine_torque(0.3, period_s=5.0, periods=2, top_hz=13.0), torque_std=0.006)
-    found = frequency_response(plant.robot(tmp_path, nominal=False), log, period_s=5.0)
-    assert values(found, "stiffness") == pytest.approx([plant.stiffness], rel=0.03)
-    assert values(found, "resonance", "antiresonance") == pytest.approx(plant.modes[::2], rel=0.02)
 
 
 @dataclass(frozen=True)
