@@ -49,22 +49,6 @@ def test_limits_of_the_robot_file_unmask_units_without_nominal_bodies() -> None:
         assert found[0].joints == leg().joint_names
 
 
-@pytest.mark.slow  # 1 s each
-@pytest.mark.parametrize("has_hole", [False, True])
-def test_encoder_offsets_that_differ_between_logs_are_repaired_in_the_second(
-    has_hole: bool,
-) -> None:
-    first, second = leg_log(1), leg_log(2)
-    if has_hole:
-        first = first.at((first.time < 2.4) | (first.time > 3.2))
-    moved = np.array([0.0, 0.0, 0.0, 2.5, 0.0])
-    logs = [first, replace(second, motor_position=second.motor_position + moved)]
-    (finding,) = seaid.check(leg(TEST_MASS), logs).warnings
-    assert (finding.code, finding.joint) == ("encoder-offsets-differ", "knee_pitch")
-    logs[1] = described(logs[1], finding.remedy, number=2)
-    assert seaid.check(leg(TEST_MASS), logs).warnings == ()
-
-
 @pytest.mark.parametrize(("case", "joint", "slip"), [("leg", 3, 0.02), ("arm", 1, -0.01)])
 def test_a_coupling_that_slips_within_a_log_is_named_with_its_time(
     case: str, joint: int, slip: float

@@ -959,13 +959,6 @@ def test_positions_that_contain_those_of_the_joint_before_are_named() -> None:
     assert "minus the angle of shoulder_lift_joint" in finding.remedy
 
 
-@pytest.mark.slow
-def test_a_factor_on_all_torques_has_no_echoes() -> None:
-    robot, log = leg(TEST_MASS), leg_log()
-    findings = seaid.identify(robot, replace(log, motor_torque=1.3 * log.motor_torque)).warnings
-    assert {x.code for x in findings if x.severity != "note"} == {"torque-scale"}
-
-
 @pytest.mark.parametrize(("name", "parts"), quick_first([("HEBI capstone", 3), ("XL330", 2)]))
 def test_short_parts_of_measured_logs_have_no_mistake(name: str, parts: int) -> None:
     """Any bodies fit what a short part shows with a wrong sign, too: they do not predict it."""

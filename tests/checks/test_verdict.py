@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import seaid
-from scripts.benchmarks.short_logs import short_log
-from seaid._arrays import Array
 from seaid.checks import CODES, JointFit
 from seaid.checks.values import noise_findings, regression_notes, unused_findings
 from seaid.checks.verdict import RobotFit, _blocks, fit_findings, verdict_of
@@ -181,35 +179,6 @@ def test_errors_of_currents_are_over_the_torque_of_all_bodies() -> None:
     assert max(found["free"].joint_fits[x].own for x in ("hip_yaw", "hip_roll")) < 0.13
 
 
-def half_a_wave(log: Log) -> Array:
-    """Return pushes on the first joint for 0.6 s, of half of its largest change of torque."""
-    touched = (log.time > 2.0) & (log.time < 2.6)
-    return np.where(touched[:, None], 0.5 * np.ptp(log.motor_torque, axis=0), 0.0) * [1, 0, 0, 0, 0]
-
-
-def two_bumps(log: Log) -> Array:
-    """Return pushes on two joints for a second, which pull the fit."""
-    bump = np.where(np.abs(log.time - 3.0) < 0.5, np.cos(np.pi * (log.time - 3.0)) ** 2, 0.0)
-    return np.asarray(0.1 * bump[:, None] * np.ptp(log.motor_torque, axis=0) * [1, 1, 0, 0, 0])
-
-
-@pytest.mark.slow  # 0.8 s
-@pytest.mark.parametrize(
-    ("push", "start", "end"),
-    [(half_a_wave, (1.5, 2.1), (2.5, 3.1)), (two_bumps, (2.2, 3.0), (3.0, 3.8))],
-)
-def test_a_contact_is_named_with_its_time(
-    push: Callable[[Log], Array], start: tuple[float, float], end: tuple[float, float]
-) -> None:
-    log = leg_log()
-    found = seaid.identify(leg(), replace(log, motor_torque=log.motor_torque + push(log)))
-    (contact,) = [one for one in found.warnings if one.code == "contact"]
-    assert contact.joint == "hip_yaw" or push is two_bumps
-    assert start[0] <= contact.evidence["start [s]"] <= start[1]
-    assert end[0] <= contact.evidence["end [s]"] <= end[1]
-    assert "exclude_s = [[" in contact.remedy
-
-
 def test_contacts_of_several_logs_have_their_own_times() -> None:
     """Of both together less than half of the windows are between the first and the last one."""
     rng, instants, starts_s = np.random.default_rng(0), 800, (4.0, 30.0)
@@ -301,22 +270,6 @@ def test_what_one_block_alone_determines_is_not_predicted_by_the_others() -> Non
         error = np.std(fit.rows.y - targets)
         assert error < 1.3 * fit.estimate.residual_std
         assert rows_per_parameter == pytest.approx(20, rel=0.6)
-
-
-@pytest.mark.slow  # identifies three robots from two logs each
-@pytest.mark.parametrize("name", ["leg", "arm", "ur10"])
-def test_a_log_of_a_second_is_too_short_and_one_of_ten_is_not(name: str) -> None:
-    """Logs of a second were "good", with torques of other motions that were 50 to 90 % wrong.
-
-    A second of the arm may be good, if it is: its torques of the long motion are right then.
-    """
-    (*_, short), (_, robot, long) = (short_log(name, seconds, seed=1) for seconds in (1.0, 10.0))
-    of_second, of_ten = (seaid.identify(robot, log) for log in (short, long))
-    assert of_ten.verdict.level == "good"
-    assert "few-rows" not in {finding.code for finding in of_ten.warnings}
-    if "few-rows" not in {finding.code for finding in of_second.warnings}:
-        assert name == "arm"
-        assert np.max(seaid.validate(of_second, long).load.relative_error) < 0.05
 
 
 def test_a_good_result_names_the_drives_with_parameters_that_are_not_determined() -> None:
