@@ -1,5 +1,6 @@
 """Legged robots on the command line and in a project file."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +27,16 @@ def test_contacts_are_those_of_their_text() -> None:
     far = ("--stance", FEET, "--posture", "FL_thigh_joint=2.2,FR_thigh_joint=2.2")
     said = refused("excite", *GO2, *far, "-o", "plan.json")
     assert "give a --posture with the weight over the feet" in said
+
+
+@pytest.mark.slow  # 1.2 s
+def test_inspect_shows_what_stances_determine() -> None:
+    found = json.loads(done("inspect", *GO2, "--json").out)["result"]["stances"]
+    assert [one["base_parameters"] for one in found.values()] == [94, 93, 93, 93, 93, 90]
+    assert all(one["agree"] for one in found.values())
+    text = done("inspect", *GO2, "--stance", FEET, "--stance", "hanging").out
+    assert "together" in text.splitlines()[-2]
+    assert " 94 " in text.splitlines()[-2]
 
 
 @pytest.mark.slow  # simulates and identifies a quadruped

@@ -19,13 +19,12 @@ from seaid._arrays import Array
 from seaid.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError
 from seaid.export import write_mjcf
-from seaid.identification import identify
 from seaid.legged import load_robot
 from seaid.robot import Robot
-from seaid.simulation.forward_dynamics import advance, begin_of
+from seaid.simulation.forward_dynamics import begin_of
 from seaid.simulation.plant import JOINT_SPEED, SPEED, plant_of
 from tests import terms
-from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log
+from tests.experiments import MODELS, TEST_MASS, arm, leg
 from tests.one_joint import BODY
 from tests.plants import body, tree, write_robot
 from tests.regressor.trees import SLIDE, Joint, joints, joints_of
@@ -230,61 +229,6 @@ def test_accelerations_of_any_tree_with_any_drives(
     assert acceleration_errors(Twin(robot, folder), 3) < 1e-9
 
 
-def torques_of(robot: Robot, duration: float, step: float) -> tuple[Array, Array]:
-    """Return a start (4, n) and motor torques (T, n) that move it much, as an experiment does."""
-    if robot.name in ("tulip_leg", "mixed_arm"):
-        motion = leg_motion() if robot.name == "tulip_leg" else arm_motion()
-        time = np.arange(round(duration / step)) * step
-        start = (motion.motor_position, motion.joint_position)
-        columns = [np.interp(time, motion.time, column) for column in motion.motor_torque.T]
-        still = np.zeros(robot.n)
-        return np.array([start[0][0], still, start[1][0], still]), np.array(columns).T
-    rng, time = np.random.default_rng(0), np.arange(round(duration / step)) * step
-    ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
-    waves = np.sin(2 * np.pi * time[:, None] * rng.uniform(0.5, 2, robot.n) + rng.uniform(size=1))
-    return np.zeros((4, robot.n)), 4.0 / ratio * waves
-
-
-def run(robot: Robot, folder: Path, duration: float, shorter: int = 1) -> tuple[Array, Array]:
-    """Return joint positions (T, n) of plant and of MuJoCo under one torque held in each step.
-
-    MuJoCo has a step `shorter` times shorter than the plant.
-    """
-    twin = Twin(robot, folder)
-    held = twin.model.opt.timestep
-    twin.model.opt.timestep /= shorter
-    for stiff in (twin.model.dof_solref, twin.model.tendon_solref_fri):  # -2 over the step
-        stiff[stiff[:, 0] < 0, 1] *= shorter
-    start, torques = torques_of(robot, duration, held)
-    twin.put(start)
-    data, state, both = twin.plant.model.createData(), start, []
-    for torque in torques:
-        twin.set_torque(torque)
-        for _ in range(shorter):
-            mujoco.mj_step(twin.model, twin.data)
-        state = advance(twin.plant, data, state, torque, 0 * torque, held)
-        both.append((state[2], twin.positions()))
-    found = np.array(both)
-    return found[:, 0], found[:, 1]
-
-
-@pytest.mark.slow  # whole robots in MuJoCo, at two steps
-@pytest.mark.parametrize("name", ROBOTS)
-def test_motion_with_dry_friction_comes_to_the_plants_with_shorter_steps(
-    name: str, tmp_path: Path
-) -> None:
-    """MuJoCo's friction loss turns within a step where the plant's stops and holds: first order.
-
-    Within half a second motors of each of the robots turn back, from 0.43 s on in the mixed arm.
-    """
-    robot = ROBOTS[name]()
-    own, found = run(robot, tmp_path, 0.5)
-    error = np.max(np.abs(found - own))
-    assert 1e-6 < error < 2e-4
-    own, found = run(robot, tmp_path, 0.5, shorter=4)
-    assert np.max(np.abs(found - own)) < 0.4 * error
-
-
 @pytest.mark.parametrize("kind", ["stiff", "elastic"])
 def test_friction_that_holds_creeps_little(kind: str, tmp_path: Path) -> None:
     robot = two_joints(tmp_path, STIFF, STIFF if kind == "stiff" else ELASTIC)
@@ -303,21 +247,18 @@ def test_friction_that_holds_creeps_little(kind: str, tmp_path: Path) -> None:
     assert np.max(np.abs(motors - state[0])) < 1e-3  # rad at the motor, in a second
 
 
-def test_an_identified_robot_moves_as_the_true_one(tmp_path: Path) -> None:
-    found = identify(arm(), perfect_log(arm(), arm_motion()))
-    written = write_mjcf(found, tmp_path / "robot.xml")
-    assert any("'telescope': its spring offset" in note for note in written.notes)
-    true, same = run(arm(), tmp_path, 0.3)[0], run(found.robot, tmp_path, 0.3)[1]
-    assert np.max(np.abs(same - true)) < 2e-3
-
-
-def test_dry_friction_stands_at_the_motor_or_the_joint_it_is_of(tmp_path: Path) -> None:
+def test_dry_friction_is_of_the_motor_or_the_joint_and_offsets_are_left_out(tmp_path: Path) -> None:
     rubbing = elastic(
-        {"joint_coulomb_friction": 0.7, "coulomb_friction": 0.03},
+        {"joint_coulomb_friction": 0.7, "coulomb_friction": 0.03, "spring_offset": 0.1},
         joint_friction=("coulomb",),
         friction=("viscous", "coulomb"),
     )
-    model = loaded(two_joints(tmp_path, STIFF, rubbing), tmp_path)
+    robot = two_joints(tmp_path, STIFF, rubbing)
+    model = loaded(robot, tmp_path)
+    (note,) = (x for x in write_mjcf(robot, tmp_path / "r.xml").notes if "spring offset" in x)
+    assert note.startswith(
+        "joint 'two': its spring offset (0.1 N m) comes from the encoder offsets"
+    )
     losses = [model.joint(name).frictionloss[0] for name in ("one", "two", "two_motor")]
     assert losses == pytest.approx([40 * 0.02, 0.7, 0.03], rel=1e-12)
 

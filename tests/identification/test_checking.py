@@ -1,6 +1,5 @@
 """Mistakes of a set-up are named with a remedy that repairs them; right set-ups have no warning."""
 
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -12,8 +11,6 @@ from seaid._arrays import Array
 from seaid.checks.experiment import fitted
 from seaid.estimation.qr_factor import fitted_slope
 from seaid.identification import check
-from seaid.robot import Robot
-from tests.experiments import arm, arm_log
 from tests.mistakes import CASES
 from tests.one_joint import one_joint
 from tests.plants import log_with
@@ -28,27 +25,6 @@ def test_right_set_ups_have_no_warning(case: str, seed: int) -> None:
 
 
 CHANNELS = {"t": "motor_torque", "q": "joint_position", "m": "motor_position"}
-
-
-def with_masses_of_cad(robot: Robot, seed: int) -> Robot:
-    """Return the robot with masses that are off by up to 15 %."""
-    factors = np.repeat(np.random.default_rng(seed).uniform(0.85, 1.15, robot.n), 10)
-    return robot.with_values(robot.parameters * factors, robot.drives)
-
-
-@pytest.mark.slow  # several checks of the leg or the arm
-@pytest.mark.parametrize("seed", [11, 12])
-def test_a_tilt_of_few_degrees_is_distinguished_from_errors_of_nominal_masses(seed: int) -> None:
-    nominal, angle = with_masses_of_cad(arm(), seed), np.deg2rad(4.0)
-    assert seaid.check(nominal, arm_log(seed)).warnings == ()
-    model = nominal.model.copy()
-    model.gravity.linear = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
-    tilted = replace(nominal, model=model)
-    (finding,) = seaid.check(tilted, arm_log(seed)).warnings
-    assert (finding.code, finding.severity) == ("gravity", "doubtful")
-    # A joint that slides along the tilted axis shows the tilt with any bodies.
-    assert finding.evidence["misfit without it"] < 0.01 < 0.1 < finding.evidence["misfit as given"]
-    assert finding.evidence["tilt [deg]"] == pytest.approx(4.0, abs=0.1)
 
 
 def spring_rows(error_rad: float, seed: int) -> tuple[Array, Array]:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,6 @@ import pytest
 
 import seaid
 from scripts.benchmarks.legged import noisy
-from scripts.identify_biped import FEET as BIPED_FEET
-from scripts.identify_biped import plant as biped_plant
-from scripts.identify_biped import simulate as biped_log
-from scripts.identify_biped import standing_plan, write_biped
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
 from seaid.checks.engine import observed
@@ -369,15 +364,3 @@ def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
     ]
     errors = [one.standard_error for one in whole_body(identified)][:4]
     np.testing.assert_allclose(np.std(spread, axis=0), errors, rtol=0.12)
-
-
-@pytest.mark.slow  # 12 s of MuJoCo in steps of 0.25 ms, and the fit
-def test_standing_determines_springs_of_ankles(tmp_path: Path) -> None:
-    urdf, toml = write_biped(tmp_path)
-    robot = seaid.load_robot(urdf, drives=toml, base="floating", contacts=BIPED_FEET)
-    log = biped_log(robot, biped_plant(urdf, robot, False), standing_plan(robot, 12.0, 1), 1)
-    found = seaid.identify(robot.without_nominal(), log)
-    for side in ("left", "right"):
-        joint = f"{side}_ankle_pitch"
-        truth = robot.drives[joint].values["stiffness"]
-        assert found.drives[joint].value("stiffness") == pytest.approx(truth, rel=0.02)
