@@ -166,8 +166,8 @@ def test_posterior_whitening_and_explained_part_are_those_of_dense_matrices() ->
         larger = np.hstack([basis, columns[:, parts == part]])
         residual = rest - larger @ np.linalg.lstsq(larger, rest)[0]
         assert squares == pytest.approx(rest @ rest - residual @ residual)
-    X, part = np.column_stack([effects, y]), [np.arange(9) < 5]
-    shares = [*explained_apart(X, X[:0], part), *explained_apart(1e-6 * X, X[:0], part)]
+    X, half = np.column_stack([effects, y]), [np.arange(9) < 5]
+    shares = [*explained_apart(X, X[:0], half), *explained_apart(1e-6 * X, X[:0], half)]
     assert shares[0] == pytest.approx(shares[1])  # in any unit
 
 

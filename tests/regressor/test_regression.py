@@ -102,8 +102,8 @@ def test_truth_times_the_load_regressor_is_the_torque_without_the_payload(
     theta = np.array([*base, *drives])
     assert rows.y == pytest.approx(rows.H @ theta, abs=1e-9)
     # what a motor loses to its own friction does not go through its gear
-    geared = with_gear_torque(LEG, motion, model, true_springs(LEG), theta).gear_torque
-    np.testing.assert_allclose(geared, joint_torques(LEG, *motion.joint_states), atol=1e-9)
+    geared = with_gear_torque(LEG, motion, model, true_springs(LEG), theta)
+    assert geared.gear_torque == pytest.approx(joint_torques(LEG, *motion.joint_states), abs=1e-9)
     assert len(rows.names) == len(rows.units) == 29 + 4
     assert rows.names[-1] == "coulomb_friction of hip_roll"
     assert rows.units[:2] == ("kg m^2", "kg m")
