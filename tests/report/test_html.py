@@ -33,7 +33,7 @@ from seaid.report.html_verdict import (
     notices_of,
     page_verdict,
 )
-from seaid.report.provenance import known_drives
+from seaid.report.provenance import facts_of, known_drives
 from seaid.report.tables import ErrorRow
 from seaid.robot import Robot
 from tests.experiments import arm, arm_found, arm_result
@@ -434,11 +434,13 @@ def test_comparison_is_a_page_with_its_differences(tmp_path: Path) -> None:
         write_comparison(arm_found(), other, "a.pdf")
 
 
-def test_known_values_are_a_drives_file(tmp_path: Path) -> None:
+def test_known_values_are_a_drives_file_and_options_are_facts(tmp_path: Path) -> None:
     path = tmp_path / "drives.toml"
     path.write_text(known_drives(arm_found()))
     known = read_drives(path)
     assert known == {x: drive.without_nominal() for x, drive in arm_found().known.drives.items()}
+    options = {"known_std": {"stiffness": 0.1}, "joints": ["a", "b"]}
+    assert facts_of({"options": options}) == {"Known std": "stiffness 0.1", "Joints": "a, b"}
 
 
 def test_pages_of_little_are_whole_pages_too(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_friction_of_a_warming_motor_is_recovered_within_its_intervals() -> None
     assert not any(one.severity == "wrong" for one in found().warnings)
 
 
-def test_without_a_temperature_no_such_term_is_compared() -> None:
+def test_terms_of_a_temperature_are_compared_where_it_was_logged() -> None:
     log = replace(log_at(ramp()), motor_temperature=None)
     terms = {"friction": ["quadratic"]}
     selection = seaid.compare_terms(robot_of(TERMS[:2]), log, joints=KNEE, terms=terms)
@@ -81,6 +81,10 @@ def test_without_a_temperature_no_such_term_is_compared() -> None:
         seaid.compare_terms(
             robot_of(TERMS[:2]), log, joints=KNEE, terms={"friction": ["viscous_temperature"]}
         )
+    warm = seaid.compare_terms(
+        robot_of(TERMS[:2]), log_at(ramp()), joints=KNEE, terms={"friction": TERMS[2:]}
+    )
+    assert ("friction", "viscous_temperature") in warm.recommended[KNEE]
 
 
 @pytest.mark.slow  # 1 s
