@@ -379,3 +379,8 @@ def test_a_velocity_is_the_change_of_the_position(folder: Path, plane: Any, what
     found = observed(RECORD_CHECKS, BaseRecord(log, time, base))
     assert [x.code for x in found] == ["base-frames"] * (what != "right")
     assert all(text in x.message for x in found)
+    tipping = np.outer(np.cos(3.0 * time), [1, 0, 0]) + 1e-3 * rng.normal(size=(len(time), 3))
+    found = observed(RECORD_CHECKS, BaseRecord(BaseLog(angular_velocity=tipping), time, base))
+    assert ["out of the plane [rad/s]" in x.evidence for x in found] == [True] * (
+        plane != "floating"
+    )
