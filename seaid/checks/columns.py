@@ -306,10 +306,6 @@ def _known_torque(side: Side, joint: str) -> Array:
     return np.asarray(rows[:, None] * side.torque_of_known)
 
 
-_OF_A_LAW = {*LEVEL_OF.values(), "parallel_stiffness"}
-"""Parameters whose estimates may be negative, and which then stand for something else."""
-
-
 def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     """Whether a linear parameter of a term that cannot be negative is: damping or hysteresis.
 
@@ -318,7 +314,7 @@ def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     """
     candidate = found.trial.candidate
     of_term = PARAMETERS_OF[candidate.field][candidate.term]
-    positive = {x for x in of_term if PARAMETERS[x].is_positive or x in _OF_A_LAW}
+    positive = {x for x in of_term if PARAMETERS[x].is_positive or x in LEVEL_OF.values()}
     # A law that replaces columns has the coefficients of these too, which are not of the term.
     values = zip(found.trial.alternative.names, found.coefficients.tolist(), strict=True)
     if (candidate.field, candidate.term) == ("spring", "damping"):
