@@ -24,7 +24,7 @@ from seaid.identification.conclusion import (
     value_findings,
     with_value_findings,
 )
-from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
+from seaid.identification.nonlinear_terms import linearised_robot, searched_drives
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.legged import load_robot
 from seaid.log import Log, Motion
@@ -228,7 +228,7 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     condition, estimator = Condition(known, datasets, used), estimator_named("wls")
     sides = estimate_two_step({ONLY: condition}, estimator).of(ONLY)
     values = value_findings(sides, robot, known, None)
-    sides = replace(sides, drives=with_searched_values(sides.drives, robot, known))
+    sides = replace(sides, drives=searched_drives(sides.drives, condition))
     return with_value_findings(identification_of(known, sides, datasets), values)
 
 

@@ -184,14 +184,9 @@ def slots(time: Array, start_s: float, step_s: float) -> IndexArray:
 
 def at_slots(H: Array, factor: Array, slot: IndexArray) -> Array:
     """Return the scores, rows of `H` (R, p) times `factor` (R,), summed per slot."""
-    return np.asarray(_gather(factor, slot) @ H)
-
-
-def _gather(factor: Array, slot: IndexArray) -> scipy.sparse.csc_array:
-    """Return the matrix (T, R) that sums rows, times `factor` (R,), per slot."""
-    # In column format, row r of H is column r, which has one entry: `arange` points to it.
-    shape = (int(np.max(slot)) + 1, len(slot))
-    return scipy.sparse.csc_array((factor, slot, np.arange(len(slot) + 1)), shape=shape)
+    # (T, R), in column format: row r of H is column r, which has one entry: `arange` points to it.
+    entries, shape = (factor, slot, np.arange(len(slot) + 1)), (int(np.max(slot)) + 1, len(slot))
+    return np.asarray(scipy.sparse.csc_array(entries, shape=shape) @ H)
 
 
 def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:

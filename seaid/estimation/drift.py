@@ -13,7 +13,6 @@ chi-square per degree of freedom.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -161,14 +160,13 @@ def _levels(bands: Sequence[_Band], highest_hz: float) -> Array:
     every = np.concatenate([band.rows for band in bands])
     Q = np.linalg.qr(every[:, :-1])[0]
     residual, kept = every[:, -1] - Q @ (Q.T @ every[:, -1]), 1 - np.sum(Q**2, axis=1)
-    noise = np.concatenate([band.frequency_hz > highest_hz for band in bands])
-    ends = np.cumsum([0, *(len(band.rows) for band in bands)])
-    levels = []
-    for start, end in itertools.pairwise(ends):
-        span = slice(start, end)
-        squares = float(np.sum(residual[span][noise[span]] ** 2))
+    levels, end = [], 0
+    for band in bands:
+        start, end = end, end + len(band.rows)
+        noise = start + np.flatnonzero(band.frequency_hz > highest_hz)
         # s^2 = |r|^2 / tr(1 - Q Q^T) over the cosines above the highest corner, unbiased.
-        levels.append(math.sqrt(squares / max(float(np.sum(kept[span][noise[span]])), 1.0)))
+        squares, left = np.sum(residual[noise] ** 2), max(float(np.sum(kept[noise])), 1.0)
+        levels.append(math.sqrt(squares / left))
     return np.array(levels)
 
 
@@ -264,23 +262,6 @@ _FEWEST_FREEDOM = 2
 """Fewest degrees of freedom between blocks: two logs say little."""
 
 
-@dataclass(frozen=True, eq=False)
-class Agreement:
-    """The ratios of Birge (p,): variance by blocks over variance by autocorrelation.
-
-    They are 1 for parameters that are not compared, and all of them if they may be chance. `blocks`
-    is the number of blocks.
-    """
-
-    ratios: Array
-    blocks: int
-
-    @property
-    def factors(self) -> Array:
-        """Factors (p,) on the variances."""
-        return np.maximum(self.ratios, 1.0)
-
-
 def block_factors(
     pieces: Iterable[Regression], spans: Mapping[int, tuple[float, float]]
 ) -> list[tuple[int, QRFactor]]:
@@ -307,8 +288,12 @@ def spans_of(rows: Regression) -> dict[int, tuple[float, float]]:
 
 def agreement(
     blocks: list[tuple[int, Array]], values: Array, root: Array, variance: Array, freedom: float
-) -> Agreement:
-    """Return the ratios; each of `blocks` has its log and weighted factor R (q+1, q+1) of [H C y].
+) -> tuple[Array, int]:
+    """Return the ratios of Birge (p,), and the number of blocks that they are of.
+
+    They are variance by blocks over variance by autocorrelation: 1 for parameters that are not
+    compared, and all of them if they may be chance. Each of `blocks` has its log and weighted
+    factor R (q+1, q+1) of [H C y].
 
     `values` (q,) are those of the whole fit, `root` (p, p) with root root^T the inverse of its
     normal equations, `variance` (p,) that by autocorrelation, with its degrees of `freedom`.
@@ -333,7 +318,7 @@ def agreement(
         candidate = _ratios(between, remaining, variance, len(groups) - 1, freedom)
         if np.max(candidate, initial=1.0) > np.max(ratios, initial=1.0):
             ratios, count = candidate, len(groups)
-    return Agreement(ratios, count)
+    return ratios, count
 
 
 def _ratios(

@@ -17,7 +17,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import groupby
-from typing import IO, TYPE_CHECKING, Any, Literal, Union
+from typing import IO, TYPE_CHECKING, Literal, Union
 
 import numpy as np
 
@@ -366,11 +366,10 @@ def stored_estimate(
 
 def _whole(stored: StoredRows, change: RowChange | None) -> Regression:
     """Return the stored rows of all logs in memory."""
+    from seaid.regressor.regression import stacked
+
     parts = [replace(rows, run=np.full(len(rows.y), log)) for log, rows in stored.pieces(change)]
-    together: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].arrays
-    }
-    return replace(parts[0], **together)
+    return replace(stacked(parts), run=np.concatenate([part.run for part in parts]))
 
 
 def _scores(
@@ -515,7 +514,7 @@ def fit(
             if estimator.columns is None:
                 changed = partial(_effective, estimator, estimate, changed)
             else:
-                changed = partial(with_columns, estimator.columns(in_memory))
+                changed = partial(replace, H=estimator.columns(in_memory))
             # The checks are of the rows as the M-estimate weights them, without its outliers.
             in_memory = estimator.effective_rows(in_memory, estimate)
             qr_factor = qr_factor_of(in_memory)
@@ -524,11 +523,6 @@ def fit(
     settled = weights if weigh is settled_weights else None
     equal = weigh is equal_weights
     return FittedRows(estimate, qr_factor, in_memory, propagated, settled, equal, changed)
-
-
-def with_columns(columns: Array, rows: Regression) -> Regression:
-    """Return rows with other columns (R, p)."""
-    return replace(rows, H=columns)
 
 
 def _effective(

@@ -310,15 +310,16 @@ def estimate_of(
     inverse, theta = solution.inverse, solution.values
     # The sandwich (H^T W^2 H)^-1 S (H^T W^2 H)^-1 with S the covariance of the sum of scores.
     white = inverse @ _white(qr_factor, weights, theta) @ inverse
-    white *= _freedom(qr_factor.count, len(theta))
+    # The factor n / (n - p), with n the number of independent rows.
+    white *= qr_factor.count / max(qr_factor.count - len(theta), 1.0)
     covariance, freedom, independent = white, np.inf, np.inf
     if scores is not None:
         freedom = scores.degrees_of_freedom
         independent = qr_factor.count / max(scores.inflation(inverse), 1.0)
         if left is None:
             # Alike for all: what Bartlett sums about a mean lose, and the fit of p parameters.
-            part = left_of_mean(scores.bandwidth) / _freedom(independent, len(theta))
-            left = np.full(len(theta), part)
+            rest = max(1 - len(theta) / independent, 1 / independent)
+            left = np.full(len(theta), left_of_mean(scores.bandwidth) * rest)
         # Divided in rows and in columns: correlations stay, and the matrix remains positive.
         covariance = inverse @ scores.covariance @ inverse / np.sqrt(np.outer(left, left))
     squares = float(np.sum(qr_factor.residual_norms(theta) ** 2))
@@ -349,11 +350,6 @@ def _white(qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
     # S = sum over equations of w^4 s^2 H_e^T H_e, and H_e^T H_e = R_e^T R_e.
     stack = np.concatenate((weights**2 * std)[:, None, None] * qr_factor.factors[:, :, :p])
     return np.asarray(stack.T @ stack)
-
-
-def _freedom(independent: float, p: int) -> float:
-    """Return the degrees-of-freedom factor n / (n - p), with n the number of independent rows."""
-    return independent / max(independent - p, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -441,16 +437,17 @@ def with_blocks(
     ]
     degrees = estimate.degrees_of_freedom
     freedom = np.inf if degrees is None else float(np.min(degrees, initial=np.inf))
-    scatter = agreement(factors, noise, solution.root, np.diag(estimate.covariance), freedom)
-    scale = np.sqrt(scatter.factors)
+    variance = np.diag(estimate.covariance)
+    ratios, count = agreement(factors, noise, solution.root, variance, freedom)
+    scale = np.sqrt(np.maximum(ratios, 1.0))
     # An enlarged variance is that between the blocks, and has their degrees of freedom.
-    fewer = np.where(scale > 1, float(scatter.blocks - 1), np.inf)
-    worst = float(np.max(scatter.ratios, initial=1.0))
+    fewer = np.where(scale > 1, float(count - 1), np.inf)
+    worst = float(np.max(ratios, initial=1.0))
     enlarged = replace(
         estimate,
         covariance=estimate.covariance * np.outer(scale, scale),
         degrees_of_freedom=np.minimum(freedom, fewer),
-        diagnostics=replace(estimate.diagnostics, scatter=worst, blocks=scatter.blocks),
+        diagnostics=replace(estimate.diagnostics, scatter=worst, blocks=count),
     )
     return _with_targets(qr_factor, weights, solution, enlarged, propagated)
 

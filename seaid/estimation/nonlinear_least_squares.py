@@ -10,10 +10,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -21,6 +22,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, safely
 from seaid._progress import track
 from seaid.errors import ExcitationError, SeaidError
+from seaid.estimation.covariance import correlated_rows
 from seaid.estimation.parameters import Parameter, bounds_of, priors_of
 from seaid.estimation.qr_factor import ROUNDING, scaled_svd
 
@@ -483,19 +485,10 @@ _FEW_EVALUATIONS, _MOST_TRIED = 8, 12
 """Evaluations from each start that is tried, and the largest number of these."""
 
 
-@dataclass(frozen=True, eq=False)
-class SeparableFit:
-    """The best `nonlinear` (b,) and `linear` (p,) values, and the norm of the residual."""
-
-    nonlinear: Array
-    linear: Array
-    residual: float
-
-
 def separable_least_squares(
     columns: Columns, slopes: Slopes, starts: Sequence[Array], lower: Array, upper: Array
-) -> SeparableFit:
-    """Return the least-squares fit of a model that is nonlinear in b of its parameters.
+) -> tuple[Array, Array]:
+    """Return v (b,) and theta (p,) of least squares.
 
     A few evaluations from the best dozen of the `starts` (each (b,)) are followed by a full search
     from the best result, within `lower` < v < `upper` (b,). A start on a bound is moved inside.
@@ -512,8 +505,54 @@ def separable_least_squares(
         tried = [_trust_region(columns, slopes, v, lower, upper, _FEW_EVALUATIONS) for v in inside]
         inside = [min(tried, key=misfit)]
     best = _trust_region(columns, slopes, inside[0], lower, upper, _MOST_EVALUATIONS)
-    residual, theta, _ = _residual(columns, best)
-    return SeparableFit(best, theta, float(np.linalg.norm(residual)))
+    return best, _residual(columns, best)[1]
+
+
+def error_growth(
+    columns: Columns, slopes: Slopes, starts: Sequence[Array], lower: Array, upper: Array
+) -> Array:
+    """Return errors of theta and v by the misfit, over those by its tangents: 1 or more (p + b,).
+
+    The first of the `starts` is the best v. Tangents there give the errors of a misfit that is a
+    parabola, and too small ones where it is flat farther off, or as small at another start. So v is
+    moved along each of its parameters, the others following at their best, as long as the misfit is
+    not significantly larger (profiles; Bates and Watts 1988). What is reached there, with its own
+    errors, is that many standard errors away.
+    """
+    best = starts[0]
+    residual, values, errors, _ = _tangent(columns, slopes, best, np.ones(len(best)))
+    correlated = max(correlated_rows(residual), 1.0) / max(len(residual) - len(values), 1)
+    variance = correlated * float(residual @ residual)
+    errors = np.maximum(math.sqrt(variance) * errors, np.finfo(float).tiny)
+    reach = errors.copy()
+    # Within so many standard errors are 95 % and 99.7 % of normal errors: a misfit with a second
+    # minimum may be a parabola in the one region and not in the other.
+    regions, walked = np.array([[1.96], [3.0]]), 1.5 ** np.arange(12)
+    others = [(start, np.zeros(1)) for start in starts[1:]]
+    for place, error in enumerate(errors[len(errors) - len(best) :]):
+        free = np.arange(len(best)) != place
+        for v, steps in [(best, error * walked), (best, -error * walked), *others]:
+            # A positive value moves by factors, by which it remains positive.
+            is_positive, x = lower[place] > 0, v[place]
+            walk = x * np.exp(np.clip(steps / x, -9, 9)) if is_positive else x + steps
+            for value in np.clip(walk, lower[place], upper[place]):
+                v = np.where(free, v, value)
+                v = np.clip(v + _tangent(columns, slopes, v, free)[-1], lower, upper)
+                after, near, sides, _ = _tangent(columns, slopes, v, free)
+                left = regions**2 * variance + residual @ residual - after @ after
+                far = (np.abs(near - values) + np.sqrt(np.maximum(left, 0.0)) * sides) / regions
+                reach = np.max([reach, *far[left[:, 0] > 0]], axis=0)
+                if np.max(left) <= 0:
+                    break
+    return reach / errors
+
+
+def _tangent(columns: Columns, slopes: Slopes, v: Array, free: Array) -> tuple[Array, ...]:
+    """Return the residual at v, (theta, v), their errors per noise, and the step of `free` v."""
+    (y, H), (residual, theta, _) = columns(v), _residual(columns, v)
+    svd = scaled_svd(np.hstack([H, free * slopes(v, theta)]))
+    errors = np.linalg.norm(svd.inverses, axis=1)
+    return residual, np.append(theta, v), errors, svd.solve(y)[len(theta) :]
 
 
 def _trust_region(
@@ -524,19 +563,16 @@ def _trust_region(
 
     size = max(float(np.linalg.norm(_residual(columns, start)[0])), 1e-300)
 
-    last: list[tuple[Array, tuple[Array, Array, Array]]] = []
-
-    def at(v: Array) -> tuple[Array, Array, Array]:
+    @lru_cache(1)
+    def at(v: tuple[float, ...]) -> tuple[Array, Array, Array]:
         # `least_squares` asks for residual and Jacobian at the same v in turn: one SVD for both.
-        if not last or not np.array_equal(last[0][0], v):
-            last[:] = [(v.copy(), _residual(columns, v))]
-        return last[0][1]
+        return _residual(columns, np.array(v))
 
     def residual(v: Array) -> Array:
-        return at(v)[0] / size
+        return at(tuple(v))[0] / size
 
     def jacobian(v: Array) -> Array:
-        _, theta, Q = at(v)
+        _, theta, Q = at(tuple(v))
         D = slopes(v, theta)
         return -(D - Q @ (Q.T @ D)) / size  # Kaufman 1975: -(I - Q Q^T) d(H theta - y)/dv
 

@@ -59,10 +59,6 @@ class QRFactor:
         """Number of rows of all equations."""
         return sum(self.counts)
 
-    def __add__(self, other: QRFactor) -> QRFactor:
-        """Return the QR factor of both. Raises IdentificationError for other columns."""
-        return combined([self, other])
-
     def weighted_factor(self, weights: Array | None = None) -> Array:
         """Return R (p+1, p+1) of all rows, those of each equation times its weight (E,).
 
@@ -70,7 +66,9 @@ class QRFactor:
         Without `weights` all rows have weight one.
         """
         weights = np.ones(len(self.equations)) if weights is None else weights
-        return _square((weights[:, None, None] * self.factors).reshape(-1, len(self.names) + 1))
+        width = len(self.names) + 1
+        rows = triangle((weights[:, None, None] * self.factors).reshape(-1, width))
+        return np.asarray(_stack([rows], width, width)[0])
 
     def residual_norms(self, theta: Array) -> Array:
         """Return the norm (E,) of each equation's residual y - H theta."""
@@ -149,12 +147,6 @@ def triangle(columns: Array) -> Array:
 def _below(rows: int, width: int) -> BoolArray:
     """Return what is below the diagonal, which `np.triu` makes anew in most of its time."""
     return np.tri(rows, width, -1, dtype=bool)
-
-
-def _square(columns: Array) -> Array:
-    """Return the upper triangular factor R (c, c) of columns (R, c), zero below few rows."""
-    width = columns.shape[1]
-    return np.asarray(_stack([triangle(columns)], width, width)[0])
 
 
 def _stack(factors: Sequence[Array], width: int, height: int | None = None) -> Array:

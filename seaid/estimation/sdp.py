@@ -60,15 +60,8 @@ class Program:
 
     def __post_init__(self) -> None:
         p, f = np.shape(self.columns)
-        shapes = {
-            "columns": (p, f),
-            "estimate": (p,),
-            "root": (p, p),
-            "prior": (None, 10),
-            "limits": (None, f),
-            "bounds": (len(self.limits),),
-            "start": (f,),
-        }
+        shapes = {"columns": (p, f), "estimate": (p,), "root": (p, p), "prior": (None, 10)}
+        shapes |= {"limits": (None, f), "bounds": (len(self.limits),), "start": (f,)}
         for name, shape in shapes.items():
             value = finite(name, getattr(self, name), shape, IdentificationError)
             object.__setattr__(self, name, value)

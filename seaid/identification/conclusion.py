@@ -47,7 +47,7 @@ from seaid.identification.drive_estimates import with_fixed_delays, with_free_sc
 from seaid.identification.gear import gear_estimates, with_gears
 from seaid.identification.given_constants import exact_constants, scaled_by_bodies
 from seaid.identification.model_selection import backlash_findings
-from seaid.identification.nonlinear_terms import with_searched_values
+from seaid.identification.nonlinear_terms import searched_drives
 from seaid.identification.result import Identification, extension_of, identified_robot
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.stacked_fits import LOAD, RobotEstimate
@@ -97,8 +97,7 @@ def conclude(problem: Problem, name: str) -> Identification:
 def _identification(problem: Problem, name: str) -> Identification:
     """Return the identification with the errors of what was given as known."""
     case, estimate = problem.cases[name], problem.with_errors_of_constants[name]
-    searched = with_searched_values(estimate.drives, case.nominal, case.robot)
-    estimate = replace(estimate, drives=searched)
+    estimate = replace(estimate, drives=searched_drives(estimate.drives, case))
     is_consistent = problem.options.feasible and problem.only is not None
     consistent = feasible_of(case.robot, estimate) if is_consistent else None
     return identification_of(case.robot, estimate, case.datasets, consistent, case.declared)

@@ -39,12 +39,12 @@ from seaid.drives.terms import COULOMB, LEVEL_OF, WARM_UP, parameter_named
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate
 from seaid.estimation.least_squares import equal_weights, ordinary
-from seaid.estimation.nonlinear_least_squares import separable_least_squares
+from seaid.estimation.nonlinear_least_squares import error_growth, separable_least_squares
 from seaid.estimation.qr_factor import RANK_TOLERANCE, QRFactor, qr_factor_of, scaled_svd
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory
 from seaid.identification.drive_estimates import with_values
 from seaid.identification.stacked_fits import LOAD, spring_of, with_spring_torque
-from seaid.identification.two_step import spring_torque_joints, two_step_equations
+from seaid.identification.two_step import Condition, spring_torque_joints, two_step_equations
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, motor_regressor, regression
 from seaid.regressor.load import LoadModel, load_model_of, load_side, with_gear_torque
@@ -82,24 +82,27 @@ def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -
     return names[place] if is_lost else None
 
 
-def with_searched_values(
-    drives: Mapping[str, Estimate], nominal: Robot, robot: Robot
-) -> dict[str, Estimate]:
-    """Return estimates of drives with values that a search allows.
+def searched_drives(drives: Mapping[str, Estimate], condition: Condition) -> dict[str, Estimate]:
+    """Return estimates of drives with values that a search allows, and errors by the misfit.
 
     A positive parameter of a search whose linearised value is negative, within its standard error
-    of zero, has the value at which the search ended: the best one that is allowed.
+    of zero, has the value at which the search ended: the best one that is allowed. The errors are
+    those of tangents times their `error_growth`.
     """
-    if robot is nominal:  # nothing was searched
-        return dict(drives)
+    robot, allowed = condition.robot, dict(drives)
     searched = {name for name, x in PARAMETERS.items() if x.is_positive and x.starts}
-    allowed = {}
-    for joint, estimate in drives.items():
+    for joint in {*drives} & {*robot.elastic_joints, *condition.used}:
+        if not _equation(robot, condition.motions, joint).non_linear:
+            continue
+        nearby, estimate = robot.drives[joint].values, drives[joint]
         values = [
-            robot.drives[joint].values[name] if name in searched and value < 0 else value
+            nearby[name] if name in searched and value < 0 else value
             for name, value in estimate.by_name.items()
         ]
-        allowed[joint] = replace(estimate, values=np.array(values))
+        growth = _search(robot, condition.motions, joint, condition.used).error_growth()
+        larger = np.array([growth.get(name, 1.0) for name in estimate.names])
+        covariance = estimate.covariance * np.outer(larger, larger)
+        allowed[joint] = replace(estimate, values=np.array(values), covariance=covariance)
     return allowed
 
 
@@ -118,21 +121,7 @@ def linearised(
     `joints` are those that are searched; None: all elastic ones. Linear drives stay as they are.
     Raises IdentificationError if a linear spring has no stiffness to start from.
     """
-    searched = robot.elastic_joints if joints is None else joints
-    check_reversals(robot, motions, searched)
-    for joint in searched:
-        if not regression.actuator_equation(robot, motions[0], joint)[0].non_linear:
-            continue
-        start, scale = _linear_start(robot, motions, joint), scale_of(robot, motions, joint)
-        started = _started(robot, joint, scale, start)
-        rows = regression.stacked([actuator_regression(started, x, joint) for x in motions])
-        at_rows = actuator_drive(started, motions, joint, rows, np.empty(0))
-        search = _Search(at_rows, np.ones(len(rows.y)))
-        grid = _grid(search.regressor.non_linear, robot.drives[joint], start, scale)
-        drive = search.best(robot.drives[joint], grid, scale)
-        robot = robot.with_drives({joint: search.with_fixed(drive)})
-    _check_warm_up(robot, motions, searched)
-    return robot
+    return _linearised(robot, motions, robot.elastic_joints if joints is None else joints, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,14 +149,10 @@ class _Search:
     @cached_property
     def others(self) -> Array:
         """The span (R, rank) of the weighted columns of all other parameters: bodies and drives."""
-        H = self.weights[:, None] * np.delete(self.drive.rows.H, self._own, axis=1)
+        names, parameters = self.regressor.names, self.drive.parameters.items()
+        of_drive = [place for place, name in parameters if name in names]
+        H = self.weights[:, None] * np.delete(self.drive.rows.H, of_drive, axis=1)
         return scaled_svd(H, "the columns of the other parameters").span()
-
-    @property
-    def _own(self) -> list[int]:
-        """The places of the parameters of the drive among those of the rows."""
-        names = self.regressor.names
-        return [place for place, name in self.drive.parameters.items() if name in names]
 
     @cached_property
     def regressor(self) -> DriveRegressor:
@@ -182,9 +167,21 @@ class _Search:
         of_name = zip(self.regressor.non_linear, np.transpose(starts).tolist(), strict=True)
         bounds = np.array([bounds_of(name, scale, values) for name, values in of_name])
         optimum = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
-        values = dict(zip(self.regressor.non_linear, optimum.nonlinear.tolist(), strict=True))
-        values |= dict(zip(self.linear, optimum.linear.tolist(), strict=True))
+        names = *self.regressor.non_linear, *self.linear
+        values = dict(zip(names, np.concatenate(optimum).tolist(), strict=True))
         return with_values(drive, {x: y for x, y in values.items() if x != "motor_inertia"})
+
+    def error_growth(self) -> dict[str, float]:
+        """Return by which factors errors of the drive's parameters are larger than by tangents."""
+        names, drive = self.regressor.non_linear, self.drive.robot.drives[self.drive.joint]
+        scale = scale_of(self.drive.robot, self.drive.motions, self.drive.joint)
+        # searched from all starts, but for values that are known
+        nominal = {name: value for name, value in drive.nominal.items() if name in drive.known}
+        grid = _grid(names, replace(drive, nominal=nominal), drive.values, scale)
+        starts = [np.array([drive.values[name] for name in names]), *grid]
+        bounds = np.array([bounds_of(name, scale, [drive.values[name]]) for name in names])
+        growth = error_growth(self.columns, self.slopes, starts, *bounds.T)
+        return dict(zip((*self.linear, *names), growth.tolist(), strict=True))
 
     def with_fixed(self, drive: Drive) -> Drive:
         """Return the drive with its unidentifiable nonlinear parameters as known ones.
@@ -378,30 +375,46 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
 
     Raises IdentificationError for a hysteresis without reversals.
     """
-    nonlinear = [
-        joint
-        for joint in used
-        if joint not in robot.elastic_joints and motor_regressor(robot, joint).non_linear
-    ]
-    check_reversals(robot, motions, nonlinear)
-    scales, nominal = dict[str, Scale](), robot.drives
+    stiff = [joint for joint in used if joint not in robot.elastic_joints]
+    return _linearised(robot, motions, stiff, used)
+
+
+def _linearised(
+    robot: Robot, motions: Sequence[Motion], joints: Sequence[str], used: Sequence[str]
+) -> Robot:
+    """Return the robot with the values at which the drives of some joints are linearised.
+
+    All of them are elastic, or all of them are stiff.
+    """
+    check_reversals(robot, motions, joints)
+    nonlinear = [joint for joint in joints if _equation(robot, motions, joint).non_linear]
+    starts, scales, nominal = dict[str, Mapping[str, float]](), dict[str, Scale](), robot.drives
     for joint in nonlinear:
+        starts[joint] = _linear_start(robot, motions, joint) if nominal[joint].is_elastic else {}
         scales[joint] = scale_of(robot, motions, joint)
-        robot = _started(robot, joint, scales[joint])
-    # One joint needs no second sweep, since the parameters of the others are linear and at their
-    # best values for each of its trials.
-    for sweep in range(min(len(nonlinear), _SWEEPS)):
-        for joint in nonlinear:
-            search, drive = _load_search(robot, motions, joint, used), robot.drives[joint]
-            starts = [np.array([drive.values[name] for name in search.regressor.non_linear])]
-            if not sweep:
-                starts += _grid(search.regressor.non_linear, nominal[joint], {}, scales[joint])
-            robot = robot.with_drives({joint: search.best(drive, starts, scales[joint])})
+        robot = _started(robot, joint, scales[joint], starts[joint])
+    # Sides of elastic drives share no parameters, and one joint needs no second sweep, since the
+    # parameters of the others are linear and at their best values for each of its trials.
+    sweeps = min(len(nonlinear), _SWEEPS) if used else 1
+    for turn, joint in enumerate(sweeps * nonlinear):
+        search, drive = _search(robot, motions, joint, used), robot.drives[joint]
+        names, of_joint = search.regressor.non_linear, (starts[joint], scales[joint])
+        points = [np.array([drive.values[name] for name in names])]
+        if turn < len(nonlinear):
+            points = _grid(names, nominal[joint], *of_joint)
+        robot = robot.with_drives({joint: search.best(drive, points, scales[joint])})
     for joint in nonlinear:
-        search = _load_search(robot, motions, joint, used)
+        search = _search(robot, motions, joint, used)
         robot = robot.with_drives({joint: search.with_fixed(robot.drives[joint])})
-    _check_warm_up(robot, motions, nonlinear)
+    _check_warm_up(robot, motions, joints)
     return robot
+
+
+def _equation(robot: Robot, motions: Sequence[Motion], joint: str) -> DriveRegressor:
+    """Return the equation in which a drive is searched."""
+    if joint in robot.elastic_joints:
+        return regression.actuator_equation(robot, motions[0], joint)[0]
+    return motor_regressor(robot, joint)
 
 
 def _grid(
@@ -466,10 +479,12 @@ def _started(
     return robot.with_drives({joint: drive.with_values(signed)})
 
 
-def _load_search(
-    robot: Robot, motions: Sequence[Motion], joint: str, used: Sequence[str]
-) -> _Search:
-    """Return the search on the load side of a stiff drive; its other columns are projected out."""
+def _search(robot: Robot, motions: Sequence[Motion], joint: str, used: Sequence[str]) -> _Search:
+    """Return the search on the side of a drive; its other columns are projected out."""
+    if joint in robot.elastic_joints:
+        rows = regression.stacked([actuator_regression(robot, x, joint) for x in motions])
+        at_rows = actuator_drive(robot, motions, joint, rows, np.empty(0))
+        return _Search(at_rows, np.ones(len(rows.y)))
     fit = starting_load_fit(robot, motions, used)
     parts = [load_side(robot).parts(motion, fit.rows.joint) for motion in motions]
     drive = load_drive(robot, motions, joint, fit.rows, fit.values, parts)

@@ -22,7 +22,7 @@ from seaid.drives.terms import places_of
 from seaid.errors import IdentificationError, listed
 from seaid.estimation import Estimator, FittedRows, fit
 from seaid.estimation.estimate import ModelChecks
-from seaid.estimation.fitting import RowChange, Rows, qr_factor_of_rows, with_columns
+from seaid.estimation.fitting import RowChange, Rows, qr_factor_of_rows
 from seaid.estimation.instrumental_variables import (
     deflection_instruments,
     instrumental,
@@ -355,7 +355,7 @@ def _with_noisy_deflection(
     instruments = deflection_instruments(
         fitted.rows, drive_estimates.noise_ratio(robot, motions, joint)
     )
-    change = partial(with_columns, projected_columns(fitted.rows, instruments))
+    change = partial(replace, H=projected_columns(fitted.rows, instruments))
     return replace(fitted, estimate=instrumental(fitted.rows, instruments), change=change)
 
 

@@ -204,9 +204,7 @@ def test_blocks_are_compared_where_the_degrees_of_freedom_are_infinite() -> None
     R = [np.array([[1.0, 3.0 * sign], [0.0, 1.0]]) for sign in (1, -1) * 4]
     blocks = list(enumerate(R))
     for freedom in (np.inf, 1e6):
-        ratios = agreement(
-            blocks, np.zeros(1), np.sqrt([[1 / 8]]), np.array([1 / 8]), freedom
-        ).ratios
+        ratios, _ = agreement(blocks, np.zeros(1), np.sqrt([[1 / 8]]), np.array([1 / 8]), freedom)
         assert ratios[0] == pytest.approx(9 / (1 - 1 / 8))
 
 

@@ -22,6 +22,7 @@ from seaid.estimation.nonlinear_least_squares import (
     Residuals,
     _autocorrelated_covariance,
     _autocorrelation,
+    error_growth,
     gauss_newton_search,
     gauss_newton_step,
     information,
@@ -367,12 +368,11 @@ def two_decays(truth: tuple[float, float, float], noise: float = 0.0, seed: int 
 @settings(derandomize=True, deadline=None)
 def test_without_noise_the_truth_is_found(a: float, b: float, v: float) -> None:
     columns, slopes = two_decays((a, b, v))
-    found = separable_least_squares(
+    nonlinear, linear = separable_least_squares(
         columns, slopes, [np.array([0.5])], np.array([0.01]), np.array([10.0])
     )
-    np.testing.assert_allclose(found.nonlinear, [v], rtol=1e-6)
-    np.testing.assert_allclose(found.linear, [a, b], rtol=1e-5, atol=1e-6)
-    assert found.residual < 1e-6
+    np.testing.assert_allclose(nonlinear, [v], rtol=1e-6)
+    np.testing.assert_allclose(linear, [a, b], rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.rounding
@@ -381,11 +381,23 @@ def test_the_best_of_several_starts_is_taken_on() -> None:
     columns, slopes = two_decays((1.0, 2.0, 4.0), noise=0.05)
     bounds = np.array([1e-3]), np.array([50.0])
     far = [np.array([1e-3]), np.array([3.0]), np.array([50.0])]
-    found = separable_least_squares(columns, slopes, far, *bounds)
-    near = separable_least_squares(columns, slopes, [np.array([4.0])], *bounds)
-    assert found.nonlinear == pytest.approx(near.nonlinear, rel=1e-6)
-    assert found.nonlinear[0] == pytest.approx(4.0, rel=0.1)
+    found, _ = separable_least_squares(columns, slopes, far, *bounds)
+    near, _ = separable_least_squares(columns, slopes, [np.array([4.0])], *bounds)
+    assert found == pytest.approx(near, rel=1e-6)
+    assert found[0] == pytest.approx(4.0, rel=0.1)
     columns, slopes = two_decays((1.0, 0.0, 1.0))
-    without = separable_least_squares(columns, slopes, [np.array([0.5])], *bounds)
-    assert 1e-3 <= without.nonlinear[0] <= 50.0
-    assert np.all(np.isfinite(without.linear))
+    (without,), linear = separable_least_squares(columns, slopes, [np.array([0.5])], *bounds)
+    assert 1e-3 <= without <= 50.0
+    assert np.all(np.isfinite(linear))
+
+
+@pytest.mark.parametrize(("size", "growth"), [(2.0, (1.0, 1.1)), (0.02, (10.0, 100.0))])
+def test_errors_are_those_of_tangents_where_the_misfit_is_a_parabola(
+    size: float, growth: tuple[float, float]
+) -> None:
+    """That of the size of a decay in the noise, whose rate may be anything, is larger."""
+    columns, slopes = two_decays((1.0, size, 1.0), noise=0.02)
+    bounds = np.array([1e-3]), np.array([50.0])
+    best, _ = separable_least_squares(columns, slopes, [np.array([1.0])], *bounds)
+    larger = error_growth(columns, slopes, [best, np.array([0.1]), np.array([5.0])], *bounds)
+    assert growth[0] <= larger[1] < growth[1]

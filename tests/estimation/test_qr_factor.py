@@ -90,7 +90,6 @@ def test_parts_add_up_to_the_whole(cuts: list[int]) -> None:
     parts = [replace(qr_factor_of(rows.at(slice(*pair))), excluded=0) for pair in pairwise(ends)]
     whole = replace(qr_factor_of(rows), excluded=0)
     assert_same(combined(parts), whole)
-    assert_same(sum(parts[1:], parts[0]), whole)
 
 
 @pytest.mark.rounding
@@ -116,7 +115,7 @@ def test_rows_that_cannot_be_added_or_factored_are_refused() -> None:
     rows = some_rows()
     factor = qr_factor_of(rows)
     with pytest.raises(IdentificationError, match=r"columns are the same: one has a, b, c, d .*b"):
-        factor + factor.without(["a"])
+        combined([factor, factor.without(["a"])])
     with pytest.raises(IdentificationError, match="found none"):
         combined([])
     H, y = rows.H.copy(), rows.y.copy()

@@ -1,16 +1,21 @@
-"""Any drive of a strategy: moved by its equations, identified exactly, written, and read again."""
+"""Any drive of a strategy: moved by its equations, identified exactly, written, and read again.
+
+With noise each of its terms is found within its errors.
+"""
 
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.drives import Drive
 from seaid.export import content_of, read_parameters, write_parameters
+from seaid.identification import identify
 from seaid.project import load_run, save_run
 from seaid.robot import Robot
-from tests.experiments import with_named_friction
+from tests.experiments import scores_of_drive, with_named_friction
 from tests.identification.test_nonlinear_terms import (
     BEHIND,
     CASES,
@@ -24,7 +29,7 @@ from tests.identification.test_nonlinear_terms import (
     robot,
 )
 from tests.representatives import quick_only
-from tests.terms import ELASTIC, STIFF, Case, exact_motion, identified, with_terms
+from tests.terms import ELASTIC, STIFF, Case, exact_motion, identified, noisy_log, with_terms
 
 LAWS = {"coulomb", "smooth_coulomb", "shifted_coulomb", "dahl"}
 NOT_TOGETHER = ({"load", "viscous_warm_up"}, {"offset", "parallel_spring"})
@@ -99,3 +104,17 @@ def test_any_drive_is_found_exactly_and_again_in_what_is_written(
     assert again.parameters.tolist() == found.robot.parameters.tolist()
     save_run(found, folder / "run.npz")
     assert content_of(load_run(folder / "run.npz").identification) == content_of(found)
+
+
+@pytest.mark.usefixtures("estimates_only")
+@pytest.mark.parametrize(("place", "term"), EVERY)
+def test_any_term_is_found_within_its_errors(place: str, term: str) -> None:
+    """A score of Student's t with 18 degrees of freedom exceeds 5 once in 10,000 times."""
+    joint, is_free = place.split()[-1], place.startswith("spring")
+    drive = with_terms(STIFF if joint == "one" else ELASTIC, *EVERY[place, term])
+    truth = with_named_friction(robot(**{joint: drive}))
+    log = noisy_log(exact_motion(truth, BEHIND if is_free else None), 0.003, 2e-5)
+    rows = ["one"] if is_free else None
+    found = identify(truth.without_nominal(), log, torque_joints=rows, cutoff_hz=10.0)
+    for owner in truth.joint_names:
+        assert np.max(np.abs(scores_of_drive(found, truth, owner))) < 5
