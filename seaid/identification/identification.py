@@ -165,10 +165,10 @@ def _identify_from_motors(
     Where the fit does not end below the proposed cutoff, lower ones are tried. Raises the error of
     the proposed one if none of them shows the springs: a fit of noise may end there too.
     """
-    # The simulated angles of the joints come from the springs: both sides at once add nothing.
-    steps = replace(options, method="two-step", feasible=False, progress=False)
-    fractions = _CUTOFF_FRACTIONS if options.cutoff_hz is None else (1.0,)
     findings = log_findings(robot, logs, robot.selected(options.torque_joints))
+    # The simulated angles of the joints come from the springs: both sides at once add nothing.
+    steps = replace(options, method="two-step", feasible=False, progress=False, recorded=findings)
+    fractions = _CUTOFF_FRACTIONS if options.cutoff_hz is None else (1.0,)
     with explained(lambda: findings):  # an error raised inside gets these findings as its cause
         output_error.WITHOUT_ENCODERS.check(robot, joints)
         if options.method != "auto" or options.estimator == "iv":

@@ -18,6 +18,7 @@ from scripts.benchmarks.motor_side import (
     simulated_together,
 )
 from seaid.checks.predictions import motor_side_findings, noisy_springs
+from seaid.checks.setup import OF_LOGS, log_findings
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.identification import Identification, identify, refine
 from seaid.identification.unseen_springs import (
@@ -74,6 +75,18 @@ def test_the_reason_for_two_steps_is_stated(found: Identification) -> None:
     summary = found.summary()
     assert "two-step: the springs, then the load, by the least output error" in summary
     assert "since no sensor is behind the springs of arm, whose motors are simulated" in summary
+
+
+def test_simulated_angles_are_not_judged_as_those_of_a_log(
+    robot: Robot, found: Identification
+) -> None:
+    """They jump between their windows, as where samples were lost."""
+    of_logs, recorded = (
+        {check.code.name for check in OF_LOGS},
+        log_findings(robot, [log_of(ANYDRIVE)]),
+    )
+    shown = {x.code for x in found.findings if x.severity != "note"}
+    assert shown & of_logs <= {x.code for x in recorded}
 
 
 @pytest.mark.slow  # a motor side
