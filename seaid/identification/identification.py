@@ -167,7 +167,9 @@ def _identify_from_motors(
     """
     findings = log_findings(robot, logs, robot.selected(options.torque_joints))
     # The simulated angles of the joints come from the springs: both sides at once add nothing.
-    steps = replace(options, method="two-step", feasible=False, progress=False, recorded=findings)
+    steps = replace(
+        options, method="two-step", feasible=False, progress=False, as_recorded=findings
+    )
     fractions = _CUTOFF_FRACTIONS if options.cutoff_hz is None else (1.0,)
     with explained(lambda: findings):  # an error raised inside gets these findings as its cause
         output_error.WITHOUT_ENCODERS.check(robot, joints)

@@ -89,7 +89,7 @@ def explained(findings: Callable[[], Sequence[Finding]]) -> Iterator[None]:
 class Options:
     """The options of `identify`, and the parameters that conditions have for themselves.
 
-    `recorded` is what logs show as they were recorded, if parts of them are simulated since.
+    `as_recorded` is what logs show as they were recorded, if parts of them are simulated since.
     """
 
     torque_joints: str | Sequence[str] | None = None
@@ -101,7 +101,7 @@ class Options:
     known_std: Mapping[str, float] = field(default_factory=dict)
     progress: bool = False
     specific: SpecificParameters = NOTHING_SPECIFIC
-    recorded: Sequence[Finding] | None = None
+    as_recorded: Sequence[Finding] | None = None
 
     def __post_init__(self) -> None:
         if self.estimator == "iv" and self.method == "simultaneous":
@@ -344,7 +344,7 @@ def _logs_of(
     selected = robot.selected(options.torque_joints)
     read = [with_commanded_torque(robot, x) if isinstance(x, Log) else x for x in sources]
     logs = [source for source in read if isinstance(source, Log)]
-    recorded = options.recorded
+    recorded = options.as_recorded
     findings = log_findings(robot, logs, selected) if recorded is None else recorded
     with explained(lambda: findings):  # an error raised inside gets these findings as its cause
         groups = datasets_by_log(robot, read, cutoff_hz, options.progress)
