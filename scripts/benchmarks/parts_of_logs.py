@@ -23,6 +23,7 @@ import numpy as np
 
 import seaid
 from scripts.golden_measured import LOGS, measured_robot, measured_table
+from scripts.short_form import add_quick, few
 
 CAUSES = frozenset(
     (
@@ -73,13 +74,14 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     arguments.add_argument("--parts", type=int, nargs="+", default=[1, 2, 3, 5])
     arguments.add_argument("--list", action="store_true")
+    add_quick(arguments)
     options = arguments.parse_args()
     warnings.simplefilter("ignore")
     counts = {False: Counter[str](), True: Counter[str]()}
-    for table in measured_table():
+    for table in few(measured_table()):
         if Path(table["logs"]).stem == "sample":  # its motors were off, and the log is refused
             continue
-        for part in parts_of(table, options.parts):
+        for part in parts_of(table, few(options.parts)):
             of_kind = counts[part.file in OF_HANDS]
             of_kind["parts"] += part.findings is not None
             of_kind.update({x.severity for x in part.causes})

@@ -136,8 +136,10 @@ class Side:
         What carries the bodies in place of a motor explains every torque: its constant is zero.
         """
         places = [k for k, x in enumerate(self.equation.rows.names) if x.quantity in SCALES]
+        if not places:
+            return True
         larger = self.equation.with_alternatives(x.trial.alternative for x in accepted)
-        values, errors = larger.last(larger.rows.H.shape[1]) if places else (np.empty(0),) * 2
+        values, errors = larger.last_of_blocks(larger.rows.H.shape[1])
         return bool(np.all(values[places] > SURE * errors[places]))
 
     def changed_by(self, accepted: Acceptance) -> dict[str, Array]:

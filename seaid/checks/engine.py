@@ -501,28 +501,30 @@ class Equation:
 
         The errors allow for autocorrelation, as those of the estimate do.
         """
-        rows, X = self.rows, self.weighted(self.rows.H)
-        svd = qr_factor.scaled_svd(self.factor[:, :-1])
-        kept = slice(svd.rank())
-        # root root^T = (X^T X)^+ in the units of the parameters.
-        root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
-        scores = long_run_of(X, self.residual, rows.time, rows.run).for_normal_intervals
-        bread = (root @ root.T)[len(root) - count :]  # of the sandwich B S B^T
-        errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", bread, scores, bread), 0.0))
-        return self.values[len(root) - count :], errors
+        X = self.weighted(self.rows.H)
+        scores = long_run_of(X, self.residual, self.rows.time, self.rows.run).for_normal_intervals
+        return self.values[len(scores) - count :], self._errors(scores)[len(scores) - count :]
 
     def last_of_blocks(self, count: int) -> tuple[Array, Array]:
         """Return `last` with the errors of blocks of time, where these differ by more.
 
-        Where a model is wrong, each part of the motion has another value: the errors are those of
-        fits without one block in turn (jackknife, Tukey 1958).
+        Where a model is wrong each part of the motion has another value, and the scores of a block
+        are not those of noise (Liang and Zeger 1986).
         """
-        X = self.weighted(np.column_stack([self.rows.H, self.rows.y]))
-        blocks, (values, errors) = qr_factor.time_blocks(self.rows), self.last(count)
-        factors = [qr_factor.triangle(X[~block]) for block in blocks]
-        without = [qr_factor.scaled_svd(R[:, :-1]).solve(R[:, -1])[-count:] for R in factors]
-        of_blocks = math.sqrt(len(blocks) - 1) * np.std(without, axis=0)
-        return values, np.maximum(errors, of_blocks)
+        blocks, scores = qr_factor.time_blocks(self.rows), self.weighted(self.rows.H)
+        sums = np.array([self.residual[block] @ scores[block] for block in blocks])
+        values, errors = self.last(count)
+        of_blocks = self._errors(len(sums) / (len(sums) - 1) * sums.T @ sums)
+        return values, np.maximum(errors, of_blocks[len(of_blocks) - count :])
+
+    def _errors(self, scores: Array) -> Array:
+        """Return the standard errors (p,) of the parameters for a covariance (p, p) of scores."""
+        svd = qr_factor.scaled_svd(self.factor[:, :-1])
+        kept = slice(svd.rank())
+        # root root^T = (X^T X)^+ in the units of the parameters: the bread of the sandwich B S B^T.
+        root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
+        squares: Array = np.einsum("ij,jk,ik->i", root @ root.T, scores, root @ root.T)
+        return np.sqrt(np.maximum(squares, 0.0))
 
     def squares(self, rows: BoolArray | slice = slice(None)) -> float:
         """Return the squared residual, of some rows only."""
