@@ -253,10 +253,10 @@ def _placed(
         spread = f" +- {error:.2g}" * (not is_named)
         words = {"text": text, "link": link, "mass": f"{point[0]:.3g}{spread}", "com": com}
         # one that may be an error of its body is identified as a part of it
-        lines = "weigh it" if severity == "note" else with_payload(link, point[0], com)
-        of_body = "placed", robot.joint_of(body), words, lines
+        code, lines = CODES["payload"], with_payload(link, point[0], com)
+        of_body = robot.joint_of(body), words, code.measurement if severity == "note" else lines
         loaded = experiment.with_changes(bodies=changed)
-        finding = CODES["payload"].finding(*of_body, severity=severity)
+        finding = code.finding("placed", *of_body, severity=severity)
         yield Transform(finding, loaded, penalty=3.0 if is_named else 4.0)
 
 

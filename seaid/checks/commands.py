@@ -128,10 +128,8 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
         factor = float(f"{math.pi / 180 if is_degrees else 1 / times:.4g}")
         words = {"like": like, "unit": "degrees" if is_degrees else "another unit"}
     source = changed_source(commanded.log.sources()[joint][name], factor=factor)
-    evidence, words["name"] = (
-        {"correlation": r, "ratio of the ranges": times},
-        name.replace("_", " "),
-    )
+    words["name"] = name.replace("_", " ")
+    evidence = {"correlation": r, "ratio of the ranges": times}
     remedy = codes.in_description({joint: {name: source}})
     code = codes.CODES["unit" if r > 0 else "sign"]
     yield code.finding("command", joint, {**evidence, **words}, remedy)

@@ -519,12 +519,17 @@ class Equation:
 
     def _errors(self, scores: Array) -> Array:
         """Return the standard errors (p,) of the parameters for a covariance (p, p) of scores."""
+        squares: Array = np.einsum("ij,jk,ik->i", self._bread, scores, self._bread)
+        return np.sqrt(np.maximum(squares, 0.0))
+
+    @cached_property
+    def _bread(self) -> Array:
+        """B (p, p) of the sandwich B S B^T: the inverse of the normal equations."""
         svd = qr_factor.scaled_svd(self.factor[:, :-1])
         kept = slice(svd.rank())
-        # root root^T = (X^T X)^+ in the units of the parameters: the bread of the sandwich B S B^T.
+        # root root^T = (X^T X)^+ in the units of the parameters.
         root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
-        squares: Array = np.einsum("ij,jk,ik->i", root @ root.T, scores, root @ root.T)
-        return np.sqrt(np.maximum(squares, 0.0))
+        return np.asarray(root @ root.T)
 
     def squares(self, rows: BoolArray | slice = slice(None)) -> float:
         """Return the squared residual, of some rows only."""

@@ -519,26 +519,26 @@ class Experiment:
         for group in filter(None, groups):
             factor = qr_factor.triangle(R[group].reshape(-1, R.shape[2]))
             svd = qr_factor.scaled_svd(factor[:, :-1])
-            theta, joints = (
-                svd.solve(factor[:, -1], qr_factor.RANK_TOLERANCE),
-                np.array(used)[group],
-            )
+            theta = svd.solve(factor[:, -1], qr_factor.RANK_TOLERANCE)
+            joints = np.array(used)[group]
             torques[joints] = self.columns[joints] @ theta
         possible = self._possible(torques)
-        return self._left_by(torques) if possible is None else possible._left_by_any
+        return self._next_to(torques) if possible is None else possible._left_by_any
 
     def _left_by(self, torques: Array) -> Array:
-        """Return residuals (n, R) next to torques (n, R) of bodies, with the friction that fits."""
+        """Return residuals (n, R) next to torques (n, R) of bodies, with possible loads."""
         possible = self._possible(torques)
-        if possible is not None:
-            return possible._left_by(torques)
+        return self._next_to(torques) if possible is None else possible._left_by(torques)
+
+    def _next_to(self, torques: Array) -> Array:
+        """Return residuals (n, R) next to torques (n, R) of bodies, with the loads that fit."""
         y = self.target.T - torques
         return np.asarray(y - (self.loads @ self._of_loads.inverses @ y[..., None])[..., 0])
 
     def _possible(self, torques: Array) -> Experiment | None:
         """Return the experiment without friction that drives, or rotors of a negative inertia.
 
-        That is next to torques (n, R) of bodies; None if there are none.
+        That is next to torques (n, R) of bodies. None if all loads of this one are possible.
         """
         used, acting = self.on_bodies, self.acting.copy()
         y = (self.target.T - torques)[used]

@@ -79,9 +79,7 @@ def replay_worse(
     whole = float(np.exp(np.mean(np.log(np.maximum([*ratios.values()], np.finfo(float).tiny)))))
     code, evidence = CODES["replay-worse"], {"ratio": whole}
     if whole > 1:
-        yield (
-            code.finding("whole", "", evidence) if is_closed else code.finding("open", "", evidence)
-        )
+        yield code.finding("whole" if is_closed else "open", "", evidence)
         return
     for (joint, ratio), unit in zip(ratios.items(), units, strict=True):
         if ratio > 1 + POOR:  # of a joint, less is within the scatter of parts of one log
@@ -130,11 +128,8 @@ def motor_side_findings(
         elif 2 in sizes:
             # Of half of the inertia B is d^2: the upper end of its one-sided 95 % interval as d.
             hidden[joint] = math.sqrt(abs(fall) + ndtri(0.95) * error_of_fall)
-    case, evidence = (
-        "series",
-        {f"hidden part of the stiffness of {x}": y for x, y in hidden.items()},
-    )
-    words = {"names": ", ".join(tests)}
+    case, words = "series", {"names": ", ".join(tests)}
+    evidence = {f"hidden part of the stiffness of {x}": y for x, y in hidden.items()}
     if hidden:
         case = "hidden"
         words["bounds"] = ", ".join(f"{least:.1%} at {joint}" for joint, least in hidden.items())

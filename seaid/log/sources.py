@@ -447,7 +447,7 @@ def _servo_voltage(data: Block, servo: Servo) -> Array:
     after the step of the goal.
     """
     goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain)
-    goals = np.array([[*goal[:1], *goal[:-1]], goal])  # before and after each step
+    goals = np.array([np.append(goal[:1], goal[:-1]), goal])  # before and after each step
     duties = np.clip(gain * (goals - data[servo.position]), -servo.limit, servo.limit)
     return np.asarray(0.5 * (duties[0] + duties[1]) * _number(data, servo.supply))
 
