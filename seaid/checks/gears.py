@@ -21,6 +21,7 @@ from seaid._arrays import Array
 from seaid._files import toml_key
 from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
+from seaid.checks.codes import CODES
 from seaid.checks.engine import Acceptance
 from seaid.checks.experiment import (
     MOST_STEPS,
@@ -122,7 +123,7 @@ def periodic(side: Side, joint: str, accepted: Acceptance, share: float) -> Find
     table = ", ".join(f"{angle} = {of_angle}" for angle, of_angle in by_angle.items())
     lines = codes.in_drives({(joint,): f"{field} = {{ {table} }}"})
     of_joint = "periodic", joint, {**evidence, "text": text}, lines, share >= tol.MATTERS
-    return codes.CODES["transmission-error"].finding(*of_joint)
+    return CODES["transmission-error"].finding(*of_joint)
 
 
 def _lever(side: Side, joint: str) -> float:
@@ -184,7 +185,7 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             if value <= tol.LARGEST_RATIO[is_linear]:
                 evidence = {"given ratio": ratio, "ratio": value, "standard error": std}
                 lines = codes.in_drives({(joint,): f"{key} = {value:.6g}\n{key}_std = {std:.2g}"})
-                finding = codes.CODES["gear-ratio"].finding("other", joint, evidence, lines)
+                finding = CODES["gear-ratio"].finding("other", joint, evidence, lines)
                 yield Transform(finding, _with_ratio(j, experiment, math.log(factor)), penalty)
 
 
@@ -204,9 +205,7 @@ def missing_ratios(experiment: Experiment) -> Iterator[Finding]:
     if ratios:
         words = {"lacking": listed(ratios), "values": listed([f"{x:.3g}" for x in ratios.values()])}
         evidence = {f"bodies over the torque of {joint}": x for joint, x in ratios.items()}
-        yield codes.CODES["gear-ratio"].finding(
-            "lacking", "", evidence | words, joints=tuple(ratios)
-        )
+        yield CODES["gear-ratio"].finding("lacking", "", evidence | words, joints=tuple(ratios))
 
 
 def can_move(experiment: Experiment, joints: Sequence[int], factor: float) -> bool:
@@ -230,7 +229,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
         factors = (1 / lever if side == "joint" else lever).tolist()
         joints = [j for j in range(robot.n) if _may_be_geared(experiment, j, side, factors[j])]
         for places in dict.fromkeys([(*joints,), *((j,) for j in joints)]) if joints else ():
-            of_places = codes.CODES["unit"], "geared", experiment, {j: factors[j] for j in places}
+            of_places = CODES["unit"], "geared", experiment, {j: factors[j] for j in places}
             yield multiplied(*of_places, channel, {"other": other})
 
 
@@ -281,7 +280,7 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
             start, end = experiment.time[[i - 1, i], 0].tolist()
             evidence = {"step": step, "time before [s]": start, "time [s]": end}
             of_joint = "steps", experiment.robot.joint_names[j], {**evidence, "last": f"{last:.0f}"}
-            findings.append(codes.CODES["loose-encoder"].finding(*of_joint))
+            findings.append(CODES["loose-encoder"].finding(*of_joint))
             motor[0, :, j] -= experiment.lever[j] * step * steps[:, i]
             counted[i - 1 : i + 1, j] = False  # the low pass spreads the step over its neighbours
     changed = experiment.with_changes(motor=motor, counted=counted)
@@ -294,7 +293,7 @@ def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
         part, joint = float(experiment.of_encoders[j]), experiment.robot.joint_names[j]
         if part > tol.SEVERE and np.ptp(experiment.turned[0][:, j]) > tol.LEAST_SWING:
             evidence = {"part between the encoders": part}
-            yield codes.CODES["loose-encoder"].finding("apart", joint, evidence)
+            yield CODES["loose-encoder"].finding("apart", joint, evidence)
 
 
 def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
@@ -322,7 +321,7 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
     joints = tuple(names[j] for j in turns)
     words = {"turns": listed(f"{name}: {count:.3g}" for name, count in evidence.items())}
     of_joints = "motors", joints[0], {**evidence, **words}, codes.in_drives(lines)
-    finding = codes.CODES["coupled-joints"].finding(*of_joints, joints=joints)
+    finding = CODES["coupled-joints"].finding(*of_joints, joints=joints)
     changed = experiment.with_changes(robot=experiment.robot.with_drives(drives))
     return Transform(finding, changed, penalty=float(len(turns)))
 
@@ -382,7 +381,7 @@ def _against_another_link(
     changed = changed.with_changes(motor=motor, direction=np.sign(motor[1]))
     added = f"{'minus' if sign < 0 else 'plus'} the angle of {mover}"
     words = {"measured": subject(experiment, (j,), channels), "added": added}
-    finding = codes.CODES["coupled-joints"].finding("absolute", joint, words)
+    finding = CODES["coupled-joints"].finding("absolute", joint, words)
     return Transform(finding, changed, penalty=1.0)
 
 
@@ -405,8 +404,7 @@ def small_springs(experiment: Experiment) -> Iterator[Finding]:
             declared = _declared(experiment, {j: spring}).finding
             evidence = {"explained by the torque": spring.explained, "deflection": apart}
             words = {**declared.evidence, **evidence, "text": declared.message}
-            of_spring = "small", declared.joint, words, declared.remedy
-            yield codes.CODES["gear-compliance"].finding(*of_spring)
+            yield CODES["gear-compliance"].finding("small", declared.joint, words, declared.remedy)
 
 
 def _declared(experiment: Experiment, springs: Mapping[int, _Spring]) -> Transform:
@@ -418,8 +416,7 @@ def _declared(experiment: Experiment, springs: Mapping[int, _Spring]) -> Transfo
     evidence = {f"stiffness of {names[j]}": x.stiffness for j, x in springs.items()}
     lines = codes.in_drives({(names[j],): 'type = "series_elastic"' for j in springs})
     joint, words = codes.only_joint([names[j] for j in springs]), {"springs": listed(text)}
-    of_springs = "declared", joint, {**evidence, **words}, lines
-    finding = codes.CODES["gear-compliance"].finding(*of_springs)
+    finding = CODES["gear-compliance"].finding("declared", joint, {**evidence, **words}, lines)
     return Transform(finding, experiment.with_changes(motor=motor), penalty=float(len(springs)))
 
 
@@ -496,7 +493,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         )
         evidence = {"least ratio": ratio * low, "largest ratio": ratio * high, "given ratio": ratio}
         remedy = codes.in_drives({(joint,): lines})
-        finding = codes.CODES["varying-ratio"].finding("linkage", joint, evidence, remedy)
+        finding = CODES["varying-ratio"].finding("linkage", joint, evidence, remedy)
         yield Transform(finding, changed, penalty=1.0)
 
 
@@ -661,7 +658,7 @@ def late_channels(
     evidence = {"delay [s]": delay, "standard error [s]": error, "explained": share}
     remedy = codes.in_description(entries)
     of_channels = "late", codes.only_joint([*channels]), {**evidence, **words}, remedy, is_doubt
-    return codes.CODES["delay"].finding(*of_channels)
+    return CODES["delay"].finding(*of_channels)
 
 
 def common_delay(
@@ -685,7 +682,7 @@ def common_delay(
     if abs(common) < max(tol.SIGNIFICANT * error, tol.LEAST_DELAY_S):
         return None
     accepted = (x for _, selection in selected for x in selection.accepted)
-    shares = [x.share for x in accepted if x.trial.candidate.about.code is codes.CODES["delay"]]
+    shares = [x.share for x in accepted if x.trial.candidate.about.code is CODES["delay"]]
     side, share = selected[0][0], max(shares, default=0.0)
     channels = {joint: torque_channel(side, joint) for joint in delays}
     return late_channels(side, channels, (common, error), share, is_doubt=True)
@@ -801,4 +798,4 @@ def zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> F
     evidence = {"offset [rad]": offset, "standard error [rad]": error, "explained": share}
     lines = codes.in_description(codes.moved_zeros(side.robot, {joint: offset}, side.sources))
     of_joint = "residual", joint, {**evidence, "rival": rival * is_known}, lines, not is_minor
-    return codes.CODES["encoder-offset"].finding(*of_joint)
+    return CODES["encoder-offset"].finding(*of_joint)

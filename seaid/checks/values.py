@@ -15,11 +15,11 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Code, Sources, consequences, only_joint
+from seaid.checks.codes import CODES, Sources, consequences, only_joint
 from seaid.checks.engine import Check
 from seaid.drives import DEAD_ZONES, PARAMETERS, Drive, ParameterName, readable, unit_of
 from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic
-from seaid.errors import Finding, Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation import Diagnostics, Estimate, FittedRows, SharedParameter, nearest
 from seaid.estimation.estimate import ModelChecks
 from seaid.estimation.qr_factor import QRFactor, first_term, triangle
@@ -37,24 +37,23 @@ if TYPE_CHECKING:
 
 
 def disagreement(
-    code: Code, joint: str, rows: Regression, ways: Mapping[str, Array], scores: Array, remedy: str
+    joint: str, rows: Regression, ways: Mapping[str, Array], scores: Array, remedy: str
 ) -> Iterator[Finding]:
-    """Yield the finding on the parameters that differ between two ways, with the worst of them.
+    """Yield the finding on the parameters that differ between two cutoffs, with the worst of them.
 
-    `ways` {way: its values}; `scores` (p,) are the standard errors by which they differ, zero where
-    it does not matter.
+    `ways` {cutoff in words: its values}; `scores` (p,) are the standard errors by which they
+    differ, zero where it does not matter.
     """
     if not np.any(scores):
         return
     names, worst = [first_term(readable(name)) for name in rows.names], int(np.argmax(scores))
-    differing = [names[place] for place in np.argsort(-scores) if scores[place]]
     numbers = {way: float(values[worst]) for way, values in ways.items()}
     sizes = " and ".join(f"{number:.4g}" for number in numbers.values())
-    text = f"{' and '.join(ways)} give different values of {listed(differing, 4)}: {names[worst]} "
-    text += f"is {f'{sizes} {rows.units[worst]}'.strip()}, {scores[worst]:.0f} standard errors of "
-    evidence = {**numbers, "standard errors": float(scores[worst])}
-    text += "the difference apart"
-    yield code.finding(text, joint, evidence=evidence, remedy=remedy, certainty="possible")
+    words = {"ways": " and ".join(ways), "worst": names[worst]}
+    words["sizes"] = f"{sizes} {rows.units[worst]}".strip()
+    words["differing"] = listed([names[x] for x in np.argsort(-scores) if scores[x]], 4)
+    evidence = {**numbers, "standard errors": float(scores[worst]), **words}
+    yield CODES["cutoff-sensitive"].finding("differs", joint, evidence, remedy)
 
 
 def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[Finding]:
@@ -235,7 +234,6 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
         if name not in POSITIVE or not value < 0:
             continue
         is_sure, words = value < -tol.SURE * error, {"name": text}
-        severity: Severity = "doubtful" if is_sure else "note"
         if PARAMETERS[name].starts:  # of a search: not due to a wrong sign in the log
             yield CODES["needless-term"].finding("zero", joint, {**evidence, **words})
         elif name == "coulomb_friction" and "stiffness" in estimate.names:
@@ -243,32 +241,22 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
             of_joint = "play", joint, {**evidence, **words}
             yield CODES["loose-encoder"].finding(*of_joint, is_worse=is_sure)
         else:
-            severity = "wrong" if is_sure and name in _OF_TORQUE else severity
-            remedy = _if_negative(name, estimate.names, is_sure)
-            of_value = "negative", joint, {**evidence, **words}, remedy
-            yield CODES["negative-parameter"].finding(*of_value, severity=severity)
+            case = _if_negative(name, estimate.names, is_sure)
+            of_value = case, joint, {**evidence, **words}
+            yield CODES["negative-parameter"].finding(*of_value, is_worse=is_sure)
 
 
-_WITH_ROTORS = "let the bodies of the robot file be identified: they may contain the rotors"
-
-
-def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
-    """Return what to do about a parameter below zero, `sure` if its interval excludes zero."""
+def _if_negative(name: str, others: Collection[str], is_sure: bool) -> str:
+    """Return the case of a parameter below zero, `is_sure` if its interval excludes zero."""
     if name in _OF_TORQUE:
-        text = "the motor's torque, current or voltage, the deflection, or all channels of this "
-        return text + "joint have the opposite sign: sign = -1 in the description of the log"
-    if not sure:
-        what = "state it as zero (known)" if name == "motor_inertia" else "remove its term"
-        return f"zero is within three standard errors: {what} in the drives file, or move faster"
+        return "channel"
     if name != "motor_inertia":
-        return "move faster and slower: one speed does not separate the terms of friction"
+        return "friction" if is_sure else "zero"
+    if not is_sure:
+        return "zero-inertia"
     if "command_delay" in others:
-        text = "state the delay of the commands (command_delay_s, negative where positions are "
-        return f"{text}logged late), or {_WITH_ROTORS}"
-    if "stiffness" not in others:
-        text = 'state it as zero (motor_inertia_kg_m2 = 0.0, known = ["motor_inertia"]); or '
-        return text + _WITH_ROTORS
-    return "accelerate the motor more: its inertia is hardly in this torque"
+        return "delayed"
+    return "with-spring" if "stiffness" in others else "without-spring"
 
 
 _OF_VALUES = ("poorly-identified", "needless-term", "loose-encoder", "negative-parameter")
