@@ -411,7 +411,7 @@ def _unknown_scales(robot: Robot, joints: Sequence[str]) -> Iterator[Finding]:
 
 
 _UNSCALED = Need[Robot, Sequence[str]]("gains in units of the drive", lambda _, x: bool(x))
-OF_SCALES = (Check(CODES["gain-scale"], (_UNSCALED,), _unknown_scales),)
+unknown_scales = Check(CODES["gain-scale"], (_UNSCALED,), _unknown_scales)
 """What is looked for in joints whose gains have no scale."""
 
 

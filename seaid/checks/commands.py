@@ -20,7 +20,7 @@ from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES
-from seaid.checks.engine import Check
+from seaid.checks.engine import looks_for
 from seaid.checks.experiment import Experiment, Transform, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
@@ -414,6 +414,7 @@ _OTHER_GAINS = (
 )
 
 
+@looks_for(CODES["command-delay"])
 def delay_estimate_findings(robot: Robot, stated: Robot, load_side: Estimate) -> Iterator[Finding]:
     """Yield, after a fit, sums that the log determines in place of delays, and unusual delays.
 
@@ -440,10 +441,6 @@ def delay_estimate_findings(robot: Robot, stated: Robot, load_side: Estimate) ->
         evidence["delay within [s]"] = NORMAL_95 * stated_s
         of_sums = "sums", "", {**evidence, "sums": listed(sums)}, _OTHER_GAINS
         yield CODES["command-delay"].finding(*of_sums)
-
-
-OF_DELAYS = (Check(CODES["command-delay"], (), delay_estimate_findings),)
-"""What is looked for in the delays of commands, after a fit."""
 
 
 def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, float]:

@@ -65,6 +65,14 @@ class Check(Generic[*Subject, Proposal]):
     needs: tuple[Need[*Subject], ...]
     proposed: Callable[[*Subject], Iterable[Proposal]]
 
+    def made(self, *subject: *Subject) -> Iterable[Proposal]:
+        """Return what is proposed for a subject, nothing for one without what the check needs."""
+        return self.proposed(*subject) if all(x.is_met(*subject) for x in self.needs) else ()
+
+    def __call__(self: Check[*Subject, Finding], *subject: *Subject) -> list[Finding]:
+        """Return what is `observed` by this check alone."""
+        return observed((self,), *subject)
+
 
 def proposals(
     checks: Iterable[Check[*Subject, Proposal]], notes: list[Finding], *subject: *Subject
@@ -72,14 +80,20 @@ def proposals(
     """Yield what checks propose for a subject, and add the `notes` on those that raise."""
     for check in checks:
         with guarded(check.code, notes):
-            if all(need.is_met(*subject) for need in check.needs):
-                yield from check.proposed(*subject)
+            yield from check.made(*subject)
 
 
 def observed(checks: Iterable[Check[*Subject, Finding]], *subject: *Subject) -> list[Finding]:
     """Return the findings of checks, in their order, and notes on those that raise."""
     notes: list[Finding] = []
     return [*proposals(checks, notes, *subject), *notes]
+
+
+def looks_for(
+    code: Code,
+) -> Callable[[Callable[[*Subject], Iterable[Finding]]], Check[*Subject, Finding]]:
+    """Return the decorator by which a function is a check that needs nothing."""
+    return lambda findings: Check(code, (), findings)
 
 
 @contextmanager
@@ -423,6 +437,11 @@ class ColumnCheck(Check[Fit, str, Candidate], Generic[Fit]):
     """
 
     finding: Callable[[Fit, str, Acceptance, float], Finding | None]
+
+    def made(self, *subject: *tuple[Fit, str]) -> Iterable[Candidate]:
+        """Return the candidates of a joint, with this check and their columns."""
+        of_check = [replace(x, about=self) for x in super().made(*subject)]
+        return [x for x in of_check if x.alternatives is not None]  # computed here
 
 
 @dataclass(frozen=True, eq=False)

@@ -210,13 +210,13 @@ class SideSelection:
 
     def _shown(self, fitted: FittedRows) -> set[tuple[str, str]]:
         """Return what the noise and the values of a fit show (code, joint)."""
-        findings, known = [*noise_findings(fitted.estimate)], self.side.fitted.estimate.names
+        findings, known = noise_findings(fitted.estimate), self.side.fitted.estimate.names
         estimate = fitted.estimate.of_names(x for x in fitted.estimate.names if x in known)
         if self.side.is_motor:
             (joint,) = self.side.joints
             findings += drive_findings(joint, estimate, fitted.qr_factor)
         for joint, of_joint in estimate.by_owner().items():
-            findings += drive_findings(joint, of_joint) if joint in self.side.joints else []
+            findings += drive_findings(joint, of_joint, None) if joint in self.side.joints else []
         offsets = {("torque-offset", joint) for joint in sure_offsets(fitted.estimate.by_owner())}
         return offsets | {(finding.code, finding.joint) for finding in findings}
 
@@ -330,12 +330,8 @@ def selections(sides: Sequence[Side]) -> list[SideSelection]:
 
 def _proposed(side: Side) -> tuple[list[engine.Candidate], list[Finding]]:
     """Return the candidates of a side, and notes on the checks that raise."""
-    candidates, notes = list[engine.Candidate](), list(side.notes)
-    for check, joint in product(column_checks(side.robot), side.joints):
-        with guarded(check.code, notes):
-            of_check = [replace(x, about=check) for x in proposals([check], notes, side, joint)]
-            candidates += [x for x in of_check if x.alternatives is not None]  # computed here
-    return candidates, notes
+    notes, pairs = list(side.notes), product(column_checks(side.robot), side.joints)
+    return [x for check, j in pairs for x in proposals([check], notes, side, j)], notes
 
 
 def _selected(

@@ -16,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Sources, consequences, only_joint
-from seaid.checks.engine import Check
+from seaid.checks.engine import looks_for
 from seaid.drives import DEAD_ZONES, PARAMETERS, Drive, ParameterName, readable, unit_of
 from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic
 from seaid.errors import Finding, listed
@@ -78,6 +78,7 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
 # The noise of a fit
 
 
+@looks_for(CODES["drift"])
 def noise_findings(estimate: Estimate) -> Iterator[Finding]:
     """Yield what the errors of the rows of a fit show, by its diagnostics."""
     shown = estimate.diagnostics
@@ -263,7 +264,8 @@ _OF_VALUES = ("poorly-identified", "needless-term", "loose-encoder", "negative-p
 """The codes of values alone; a weak spring is one by its equation."""
 
 
-def drive_findings(joint: str, estimate: Estimate, factor: QRFactor | None = None) -> list[Finding]:
+@looks_for(CODES["poorly-identified"])
+def drive_findings(joint: str, estimate: Estimate, factor: QRFactor | None) -> list[Finding]:
     """Return what the values of a drive show, with the QR factor of its motor equation (10)."""
     return [*_uncertain(joint, estimate, factor), *_negative(joint, estimate)]
 
@@ -271,7 +273,7 @@ def drive_findings(joint: str, estimate: Estimate, factor: QRFactor | None = Non
 def revalued(findings: Sequence[Finding], drives: Mapping[str, Estimate]) -> tuple[Finding, ...]:
     """Return findings with those of the values of some drives that were estimated anew."""
     kept = (x for x in findings if x.code not in _OF_VALUES or x.joint not in drives)
-    new = [x for joint, estimate in drives.items() for x in drive_findings(joint, estimate)]
+    new = [x for joint, estimate in drives.items() for x in drive_findings(joint, estimate, None)]
     return (*kept, *consequences(findings, new))
 
 
@@ -279,6 +281,7 @@ _ONE_SIDED = ("dead_zone", "deflection_zero")
 """Half width and centre of a dead zone: a spring that is loaded in one direction shows one end."""
 
 
+@looks_for(CODES["unidentifiable"])
 def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator[Finding]:
     """Yield the parameters of a drive that a search fixed at their values in the drive."""
     # without a dead zone, or next to a preload, a zero may be unidentifiable from any motion
@@ -293,6 +296,7 @@ def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator
         yield CODES["unidentifiable"].finding(case, joint, {**evidence, **words})
 
 
+@looks_for(CODES["drives-differ"])
 def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
     """Yield the shared parameters in which the drives of a group differ beyond chance."""
     for shared in parameters:
@@ -318,6 +322,7 @@ def sure_offsets(drives: Mapping[str, Estimate]) -> dict[str, Estimate]:
     return {joint: x for joint, x in offsets.items() if np.prod(x.interval(level)) > 0}
 
 
+@looks_for(CODES["torque-offset"])
 def offset_findings(drives: Mapping[str, Estimate], experiment: Experiment) -> Iterator[Finding]:
     """Yield the constant errors of motor torques that matter next to the torque on the spring.
 
@@ -414,6 +419,7 @@ def rigid_gear(joint: str, least: float) -> Finding:
     return CODES["gear-compliance"].note("rigid", joint, {"least stiffness": least})
 
 
+@looks_for(CODES["gear-compliance"])
 def gear_findings(
     robot: Robot, drives: Mapping[str, Estimate], gears: Collection[str], sources: Sequence[Sources]
 ) -> Iterator[Finding]:
@@ -439,6 +445,7 @@ def _is_by_deflection(channels: Collection[str]) -> bool:
     return "deflection" in channels and not {"motor_position", "joint_position"} <= {*channels}
 
 
+@looks_for(CODES["unused-channel"])
 def unused_findings(
     robot: Robot, drives: Mapping[str, Estimate], used: Sequence[str], motions: Sequence[Motion]
 ) -> Iterator[Finding]:
@@ -499,15 +506,3 @@ def calibration_findings(
         yield CODES["needless-term"].finding("cubic", "", {"p-value": p_value})
     if slope < 0:
         yield CODES["sign"].finding("readings")
-
-
-OF_NOISE = (Check(CODES["drift"], (), noise_findings),)
-"""What is looked for in the estimate of a fit."""
-
-OF_DRIVES = (Check(CODES["poorly-identified"], (), drive_findings),)
-OF_FIXED = (Check(CODES["unidentifiable"], (), fixed_findings),)
-OF_OFFSETS = (Check(CODES["torque-offset"], (), offset_findings),)
-OF_GROUPS = (Check(CODES["drives-differ"], (), shared_findings),)
-OF_GEARS = (Check(CODES["gear-compliance"], (), gear_findings),)
-OF_CHANNELS = (Check(CODES["unused-channel"], (), unused_findings),)
-"""What is looked for in the values of drives and of groups of them, and in what no equation has."""

@@ -17,11 +17,11 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
 from seaid._progress import Result, counted
 from seaid.checks import CODES, JointCheck, gears
-from seaid.checks.channels import OF_STOPS, OF_STRENGTHS, without_torque
+from seaid.checks.channels import stop_findings, strength_findings, without_torque
 from seaid.checks.codes import is_wrong, merged
 from seaid.checks.columns import Side
-from seaid.checks.commands import OF_DELAYS
-from seaid.checks.engine import guarded, observed
+from seaid.checks.commands import delay_estimate_findings
+from seaid.checks.engine import guarded
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
 from seaid.checks.model import delays_of, model_findings, selections
 from seaid.checks.setup import log_findings, setup_findings
@@ -161,10 +161,10 @@ def findings_of_setup(
     findings = setup_findings(trusted(known), known)
     if any((finding.code, finding.severity) == ("unit", "wrong") for finding in findings):
         return findings
-    far = observed(OF_STRENGTHS, trusted(known))
+    far = strength_findings(trusted(known))
     if far:
         return setup_findings(trusted([*known, *far]), [*known, *far])
-    stops = observed(OF_STOPS, trusted(known), logs)
+    stops = stop_findings(trusted(known), logs)
     beyond = setup_findings(trusted([*known, *stops]), [*known, *stops]) if stops else findings
     others = (finding for finding in beyond if finding not in known and finding not in stops)
     return findings if any(finding.severity != "note" for finding in others) else beyond
@@ -186,7 +186,7 @@ def _of_quick_fit(
         condition = Condition(robot, datasets, used)
         fit = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
         selected = selections(checked_sides(condition, fit, logs))
-        of_commands = observed(OF_DELAYS, robot, robot, fit.load_side)
+        of_commands = delay_estimate_findings(robot, robot, fit.load_side)
         shown = [x for x in model_findings(selected, known) if x.severity != "note"]
         return [*(x for x in shown if x.code in _OF_LOGS), *of_commands], delays_of(selected)
     return [], {}

@@ -278,7 +278,7 @@ def test_what_a_term_changes_is_reported_before_it_is_in_the_model() -> None:
 def test_a_term_that_explains_the_residual_stays_and_its_symptoms_go() -> None:
     w = speed("knee_pitch")
     found = identify(named(), with_torque("knee_pitch", 1e-6 * w * np.abs(w)))
-    symptoms = drive_findings("knee_pitch", found.drive_side["knee_pitch"])
+    symptoms = drive_findings("knee_pitch", found.drive_side["knee_pitch"], None)
     assert "loose-encoder" in {one.code for one in symptoms}
     (finding,) = findings(found)
     assert finding.evidence["explained"] > 0.95
