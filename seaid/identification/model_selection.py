@@ -344,7 +344,7 @@ class _Model:
     @classmethod
     def of(cls, robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> _Model:
         """Return the model of a robot, whose nonlinear parameters are searched."""
-        robot, motions = with_gear_torques(linearised(robot, motions), motions, used)
+        robot, motions = with_gear_torques(robot, motions, used)
         fixed = {joint: _fixed(robot.drives[joint]) for joint in robot.joint_names}
         return cls(robot.with_drives(fixed), motions, tuple(used))
 

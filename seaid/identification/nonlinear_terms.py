@@ -13,9 +13,9 @@ fit without that friction first and then with it, until it converges.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import product
 from typing import Any
 
@@ -91,15 +91,18 @@ def searched_drives(drives: Mapping[str, Estimate], condition: Condition) -> dic
     """
     robot, allowed = condition.robot, dict(drives)
     searched = {name for name, x in PARAMETERS.items() if x.is_positive and x.starts}
-    for joint in {*drives} & {*robot.elastic_joints, *condition.used}:
-        if not _equation(robot, condition.motions, joint).non_linear:
-            continue
+    joints = [
+        joint
+        for joint in drives.keys() & {*robot.elastic_joints, *condition.used}
+        if _equation(robot, condition.motions, joint).non_linear
+    ]
+    for joint, search in _searches(robot, condition.motions, joints, condition.used):
         nearby, estimate = robot.drives[joint].values, drives[joint]
         values = [
             nearby[name] if name in searched and value < 0 else value
             for name, value in estimate.by_name.items()
         ]
-        growth = _search(robot, condition.motions, joint, condition.used).error_growth()
+        growth = search.error_growth()
         larger = np.array([growth.get(name, 1.0) for name in estimate.names])
         covariance = estimate.covariance * np.outer(larger, larger)
         allowed[joint] = replace(estimate, values=np.array(values), covariance=covariance)
@@ -111,17 +114,6 @@ _LEAST, _MOST = 1e-4, 2.0
 
 _ORDER = 5
 """Highest order of a spring."""
-
-
-def linearised(
-    robot: Robot, motions: Sequence[Motion], joints: Sequence[str] | None = None
-) -> Robot:
-    """Return the robot with the values at which its elastic drives are linearised.
-
-    `joints` are those that are searched; None: all elastic ones. Linear drives stay as they are.
-    Raises IdentificationError if a linear spring has no stiffness to start from.
-    """
-    return _linearised(robot, motions, robot.elastic_joints if joints is None else joints, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,20 +363,19 @@ class LoadFit:
 
 
 def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Robot:
-    """Return the robot with the values at which its stiff drives are linearised.
-
-    Raises IdentificationError for a hysteresis without reversals.
-    """
+    """Return the robot with the values at which its stiff drives are linearised."""
     stiff = [joint for joint in used if joint not in robot.elastic_joints]
-    return _linearised(robot, motions, stiff, used)
+    return linearised(robot, motions, stiff, used)
 
 
-def _linearised(
-    robot: Robot, motions: Sequence[Motion], joints: Sequence[str], used: Sequence[str]
+def linearised(
+    robot: Robot, motions: Sequence[Motion], joints: Sequence[str], used: Sequence[str] = ()
 ) -> Robot:
     """Return the robot with the values at which the drives of some joints are linearised.
 
-    All of them are elastic, or all of them are stiff.
+    All of them are elastic, or all of them are stiff and among those with a torque that is `used`.
+    Linear drives stay as they are. Raises IdentificationError if a linear spring has no stiffness
+    to start from, and for a hysteresis without reversals.
     """
     check_reversals(robot, motions, joints)
     nonlinear = [joint for joint in joints if _equation(robot, motions, joint).non_linear]
@@ -397,15 +388,14 @@ def _linearised(
     # parameters of the others are linear and at their best values for each of its trials.
     sweeps = min(len(nonlinear), _SWEEPS) if used else 1
     for turn, joint in enumerate(sweeps * nonlinear):
-        search, drive = _search(robot, motions, joint, used), robot.drives[joint]
+        ((_, search),), drive = _searches(robot, motions, [joint], used), robot.drives[joint]
         names, of_joint = search.regressor.non_linear, (starts[joint], scales[joint])
         points = [np.array([drive.values[name] for name in names])]
         if turn < len(nonlinear):
             points = _grid(names, nominal[joint], *of_joint)
         robot = robot.with_drives({joint: search.best(drive, points, scales[joint])})
-    for joint in nonlinear:
-        search = _search(robot, motions, joint, used)
-        robot = robot.with_drives({joint: search.with_fixed(robot.drives[joint])})
+    searches = _searches(robot, motions, nonlinear, used)
+    robot = robot.with_drives({x: search.with_fixed(robot.drives[x]) for x, search in searches})
     _check_warm_up(robot, motions, joints)
     return robot
 
@@ -479,18 +469,23 @@ def _started(
     return robot.with_drives({joint: drive.with_values(signed)})
 
 
-def _search(robot: Robot, motions: Sequence[Motion], joint: str, used: Sequence[str]) -> _Search:
-    """Return the search on the side of a drive; its other columns are projected out."""
-    if joint in robot.elastic_joints:
-        rows = regression.stacked([actuator_regression(robot, x, joint) for x in motions])
-        at_rows = actuator_drive(robot, motions, joint, rows, np.empty(0))
-        return _Search(at_rows, np.ones(len(rows.y)))
-    fit = starting_load_fit(robot, motions, used)
-    parts = [load_side(robot).parts(motion, fit.rows.joint) for motion in motions]
-    drive = load_drive(robot, motions, joint, fit.rows, fit.values, parts)
-    # (E,) per equation -> (R,) per row; `equations` are sorted.
-    places = np.searchsorted(fit.qr_factor.equations, fit.rows.joint)
-    return _Search(drive, _weights(fit.qr_factor)[places])
+def _searches(
+    robot: Robot, motions: Sequence[Motion], joints: Iterable[str], used: Sequence[str]
+) -> Iterator[tuple[str, _Search]]:
+    """Yield joints with searches on the sides of their drives; other columns are projected out."""
+    load = cache(lambda: starting_load_fit(robot, motions, used))  # one for all stiff drives
+    for joint in joints:
+        if joint in robot.elastic_joints:
+            rows = regression.stacked([actuator_regression(robot, x, joint) for x in motions])
+            at_rows = actuator_drive(robot, motions, joint, rows, np.empty(0))
+            yield joint, _Search(at_rows, np.ones(len(rows.y)))
+            continue
+        fit = load()
+        parts = [load_side(robot).parts(motion, fit.rows.joint) for motion in motions]
+        drive = load_drive(robot, motions, joint, fit.rows, fit.values, parts)
+        # (E,) per equation -> (R,) per row; `equations` are sorted.
+        places = np.searchsorted(fit.qr_factor.equations, fit.rows.joint)
+        yield joint, _Search(drive, _weights(fit.qr_factor)[places])
 
 
 _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
@@ -499,7 +494,8 @@ _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
 def with_gear_torques(
     robot: Robot, motions: Sequence[Motion], used: Sequence[str]
 ) -> tuple[Robot, list[Motion]]:
-    """Return the robot with linearised stiff drives, and motions with their gear torques."""
+    """Return the robot with linearised drives, and motions with the torques through its gears."""
+    robot = linearised(robot, motions, robot.elastic_joints)
     if not regression.under_load(robot, used):
         return linearised_load(robot, motions, used), list(motions)
     # Without a torque through the gears there is no load-dependent friction, whose column is zero.
@@ -570,5 +566,5 @@ def linearised_robot(
     """
     _check_whole(robot, datasets, used)
     motions = [first_motion(dataset) for dataset in datasets]
-    robot, known = with_gear_torques(linearised(robot, motions), motions, used)
+    robot, known = with_gear_torques(robot, motions, used)
     return robot, [*known] if regression.under_load(robot, used) else list(datasets)
