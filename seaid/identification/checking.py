@@ -37,8 +37,8 @@ from seaid.errors import (
     listed,
 )
 from seaid.estimation import FittedRows, estimator_named
-from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
-from seaid.identification.nonlinear_terms import linearised_robot
+from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
+from seaid.identification.nonlinear_terms import linearised_condition
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.identification.unseen_springs import joints_sensed_by_motor_only, with_regressed_angles
@@ -46,7 +46,7 @@ from seaid.log import Log, Motion, row_samples
 from seaid.log.rows import still_speed
 from seaid.regressor import motor_regressor
 from seaid.regressor.load import known_frictions, usable_rows
-from seaid.regressor.regression import actuator_rows, is_linear
+from seaid.regressor.regression import actuator_rows
 from seaid.robot import Robot
 
 
@@ -180,10 +180,7 @@ def _of_quick_fit(
     """Return what weighted least squares show of logs and commands, and the delays of torques."""
     with suppress(SeaidError):
         used = joints_with_torque(robot, motions)
-        datasets: list[Dataset] = [*motions]
-        if not is_linear(robot, used):
-            robot, datasets = linearised_robot(robot, datasets, used)
-        condition = Condition(robot, datasets, used)
+        condition = linearised_condition(Condition(robot, motions, used))
         fit = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
         selected = selections(checked_sides(condition, fit, logs))
         of_commands = delay_estimate_findings(robot, robot, fit.load_side)

@@ -10,13 +10,13 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import ParameterName
+from seaid.drives import Drive, ParameterName
 from seaid.drives.drives import groups_of
 from seaid.drives.terms import places_of
 from seaid.errors import IdentificationError, listed
@@ -70,6 +70,10 @@ class Condition:
     robot: Robot
     datasets: Sequence[Dataset]
     used: Sequence[str]
+
+    def with_drives(self, drives: Mapping[str, Drive]) -> Self:
+        """Return the condition with other drives at some joints."""
+        return replace(self, robot=self.robot.with_drives(drives))
 
     @cached_property
     def model(self) -> LoadModel:
