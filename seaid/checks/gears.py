@@ -135,20 +135,14 @@ def _lever(side: Side, joint: str) -> float:
 # Before the fit, as transforms of an experiment
 
 
-def encoder_slope(experiment: Experiment, j: int) -> float:
-    """Return the motor angle per joint angle over the gear ratio, without a spring's deflection."""
-    H = with_constant(experiment.turned[0][:, j], experiment.deflection(j))
-    return float(scaled_svd(H).solve(experiment.motor[0][:, j])[1] / experiment.lever[j])
-
-
 def other_slope(experiment: Experiment, j: int) -> float | None:
     """Return the slope between two encoders over the gear ratio, None if the gear ratio is right.
 
     A slight difference counts only where it is many of its standard errors: springs and errors of
     gears explain a smaller one.
     """
-    slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
-    ratio, error = experiment.encoder_ratios.get(j, (math.nan, math.inf))
+    slope = abs(experiment.encoder_slope(j)[0]) if experiment.both[j] else 1.0
+    ratio, error = experiment.encoder_ratio(j)
     size, given = abs(ratio), float(experiment.ratio[j])  # an encoder may have the opposite sign
     if abs(slope - 1) >= tol.SLIGHT:
         # the deflection of a spring is a part of the slope, and apart in the motor equation
@@ -165,10 +159,10 @@ def _with_ratio(j: int, experiment: Experiment, log_factor: float) -> Experiment
 
 def _other_ratios(experiment: Experiment, j: int, slope: float) -> Iterator[Sequence[float]]:
     """Yield the factors on a gear ratio as `best_factors` does, by the slope of two encoders."""
+    ratio, error = experiment.encoder_ratio(j)
     if not experiment.both[j]:
         yield from best_factors(experiment, partial(_with_ratio, j))
-    elif slope != 1 and j in experiment.encoder_ratios:
-        ratio, error = experiment.encoder_ratios[j]
+    elif slope != 1 and not math.isnan(ratio):
         yield from ((x, error / abs(ratio), float(x == slope)) for x in near(slope))
 
 

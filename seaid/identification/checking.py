@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
 from seaid._progress import Result, counted
-from seaid.checks import CODES, JointCheck, gears
+from seaid.checks import CODES, JointCheck
 from seaid.checks.channels import stop_findings, strength_findings, without_torque
 from seaid.checks.codes import is_wrong, merged
 from seaid.checks.columns import Side
@@ -139,9 +139,9 @@ def joint_checks(
     with guarded(CODES["gear-ratio"], findings):
         moving, unknown = experiment.in_motion, (math.nan, math.nan)
         for j, joint in enumerate(names):
-            slope = gears.encoder_slope(experiment, j) if experiment.both[j] else math.nan
+            slope = experiment.encoder_slope(j)[0] if experiment.both[j] else math.nan
             misfits = float(moving.nominal[j]), float(moving.free[j]), float(moving.of_motors[j])
-            ratio, delay = experiment.encoder_ratios.get(j, unknown), delays.get(joint, unknown)
+            ratio, delay = experiment.encoder_ratio(j), delays.get(joint, unknown)
             checks[joint] = JointCheck(swings[j], slope, *misfits, *ratio, *delay)
     return FrozenMapping(checks, "joint")
 
