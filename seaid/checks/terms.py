@@ -141,8 +141,7 @@ class DriveRows:
         columns = np.split(self.at_rows(parts), len(points), axis=1)
         # Columns that replace others are no further parameters, values on a grid are.
         for point, H in zip(points, columns, strict=True):
-            at = FrozenMapping(point | zero_value)
-            yield engine.Alternative(H, len(added) + len(grid), places, at, names)
+            yield engine.Alternative(H, len(added) + len(grid), places, point | zero_value, names)
 
     def _grid(self, names: Sequence[str], grids: Grids) -> Grids:
         """Return the values of nonlinear parameters that are tried."""
