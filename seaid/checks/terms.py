@@ -14,7 +14,7 @@ from itertools import chain, compress, product
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping
+from seaid._arrays import Array
 from seaid.checks import engine
 from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, unit_of
 from seaid.drives.drives import deflection, term_fields

@@ -44,7 +44,7 @@ from seaid.estimation.qr_factor import RANK_TOLERANCE, QRFactor, qr_factor_of, s
 from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import with_values
 from seaid.identification.stacked_fits import LOAD, spring_of, with_spring_torque
-from seaid.identification.two_step import Condition, spring_torque_joints, two_step_equations
+from seaid.identification.two_step import Condition, two_step_equations
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, motor_regressor, regression
 from seaid.regressor.load import load_side, with_gear_torque
@@ -425,9 +425,8 @@ def starting_load_fit(condition: Condition) -> LoadFit:
     Coulomb friction that is zero: unidentifiable combinations are zero here, and `identify` decides
     about them at the end of the search.
     """
-    robot, motions, model = condition.robot, condition.motions, condition.model
-    joints = spring_torque_joints(robot, motions, model)
-    rows = rows_in_memory(motions, two_step_equations(robot, model, joints))
+    robot, joints = condition.robot, condition.springs
+    rows = rows_in_memory(condition.motions, two_step_equations(robot, condition.model, joints))
     springs = {joint: spring_of(robot, ordinary(rows[joint]), joint) for joint in joints}
     load = with_spring_torque(list(springs.values()), rows[LOAD])
     qr_factor = qr_factor_of(load)

@@ -75,6 +75,25 @@ class Condition:
         """Return the condition with other drives at some joints."""
         return replace(self, robot=self.robot.with_drives(drives))
 
+    def measures(self, joint: str, signal: str) -> bool:
+        """Whether all logs have a signal of a joint."""
+        index = self.robot.index(joint)
+        # The torque at a drive is that of all sensors of its coupled joints, C^-T tau.
+        is_torque = signal == "joint_torque"
+        used = group_of(self.robot.transmission, index) if is_torque else [index]
+        channels = [getattr(motion, signal) for motion in self.motions]
+        return all(x is not None and bool(np.all(np.isfinite(x[:, used]))) for x in channels)
+
+    def has_input(self, joint: str) -> bool:
+        """Whether all logs have the torque, current or voltage of a motor, or its command."""
+        return self.measures(joint, INPUT_FIELDS[self.robot.drives[joint].motor_input])
+
+    @property
+    def springs(self) -> tuple[str, ...]:
+        """The joints in use whose torque on the load is that of their spring."""
+        elastic = (joint for joint in self.used if joint in self.robot.elastic_joints)
+        return tuple(joint for joint in elastic if not self.measures(joint, "joint_torque"))
+
     @cached_property
     def model(self) -> LoadModel:
         """The columns of the load side."""
@@ -189,23 +208,24 @@ def estimate_two_step(
     fitted.
     """
     first = next(iter(conditions.values()))
-    robot, motions = first.robot, [x for each in conditions.values() for x in each.motions]
-    joints = spring_torque_joints(robot, motions, first.model)
-    sensed = _joints_scaled_by_sensors(robot, motions) if equations is None else ()
+    datasets = [dataset for each in conditions.values() for dataset in each.datasets]
+    whole = Condition(first.robot, datasets, first.used)
+    joints = whole.springs
+    sensed = _joints_scaled_by_sensors(whole) if equations is None else ()
     sensed = tuple(x for x in sensed if not specific.has(ParameterName(STIFFNESS, x)))
     by_condition = {
         name: equations
         or {**two_step_equations(x.robot, x.model, joints), **_spring_equations(x.robot, sensed)}
         for name, x in conditions.items()
     }
-    stored, propagated = estimator.weigh is not None, propagated_names(robot, joints)
+    stored, propagated = estimator.weigh is not None, propagated_names(first.robot, joints)
     is_plain = equations is None
     with rows_of_conditions(
         conditions, specific, by_condition, propagated, stored, progress
     ) as of_conditions:
         rows = of_conditions.rows
-        motors = _fits_of_motors(robot, motions, estimator, joints, sensed, rows)
-        side = LoadSideFit(motors, estimator, motions[0].cutoff_hz, is_plain, sensor_errors)
+        motors = _fits_of_motors(whole, estimator, joints, sensed, rows)
+        side = LoadSideFit(motors, estimator, datasets[0].cutoff_hz, is_plain, sensor_errors)
         load = side.fit(rows[LOAD], np.zeros((0, 0)))
     fits = replace(motors, load=load, refit=side.fit if is_plain else None)
     return TwoStepFits(conditions, fits, of_conditions.shares)
@@ -282,8 +302,7 @@ def _is_specific(
 
 
 def _fits_of_motors(
-    robot: Robot,
-    motions: Sequence[Motion],
+    condition: Condition,
     estimator: Estimator,
     springs: tuple[str, ...],
     sensed: Sequence[str],
@@ -297,6 +316,7 @@ def _fits_of_motors(
     """
     motors, unscaled = dict[str, FittedRows](), dict[str, drive_estimates.UnknownScaleError]()
     constants, by_sensor = dict[str, ParameterName](), dict[str, FittedRows]()
+    robot, motions = condition.robot, condition.motions
     cutoff_hz = motions[0].cutoff_hz
     for joint in robot.elastic_joints:
         try:
@@ -363,15 +383,16 @@ def _with_noisy_deflection(
     return replace(fitted, estimate=instrumental(fitted.rows, instruments), change=change)
 
 
-def _joints_scaled_by_sensors(robot: Robot, motions: Sequence[Motion]) -> tuple[str, ...]:
+def _joints_scaled_by_sensors(condition: Condition) -> tuple[str, ...]:
     """Return the elastic joints with an unknown motor constant and a measured spring torque."""
+    robot = condition.robot
     return tuple(
         joint
         for joint in robot.elastic_joints
         if set(drive_estimates.CONSTANTS) & set(motor_regressor(robot, joint).names)
         and STIFFNESS in spring_regressor(robot, joint).names
-        and _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
-        and _all_measured(robot, motions, joint, "joint_torque")
+        and condition.has_input(joint)
+        and condition.measures(joint, "joint_torque")
     )
 
 
@@ -380,7 +401,7 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
 
     What holds them could have any torque, so that bodies give no scale.
     """
-    sensed = _joints_scaled_by_sensors(robot, [first_motion(dataset) for dataset in datasets])
+    sensed = _joints_scaled_by_sensors(Condition(robot, datasets, ()))
     for joint in (joint for joint in locked if joint not in sensed):
         names = set(motor_regressor(robot, joint).names)
         if names & set(drive_estimates.CONSTANTS) and {STIFFNESS, "motor_inertia"} <= names:
@@ -465,13 +486,13 @@ def fit_inputs(
 
 def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
     """Return the joints whose torque is measured, by a sensor or by a spring."""
-    motions = [first_motion(dataset) for dataset in datasets]
+    logged = Condition(robot, datasets, ())
     joints = tuple(
         joint
         for joint in robot.joint_names
         if joint in robot.elastic_joints
-        or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
-        or _all_measured(robot, motions, joint, "joint_torque")
+        or logged.has_input(joint)
+        or logged.measures(joint, "joint_torque")
     )
     if not joints and robot.base_is_held:
         raise IdentificationError(
@@ -490,26 +511,6 @@ def check_forces(datasets: Sequence[Dataset], torque_joints: Sequence[str]) -> N
             "force: add torques of joints, or the force of each foot (<link>.force_x_N and so on)",
             "torque_joints=",
         )
-
-
-def spring_torque_joints(
-    robot: Robot, motions: Sequence[Motion], model: LoadModel
-) -> tuple[str, ...]:
-    """Return the joints of the model whose torque on the load is that of their spring."""
-    return tuple(
-        joint
-        for joint in model.torque_joints
-        if joint in robot.elastic_joints
-        and not _all_measured(robot, motions, joint, "joint_torque")
-    )
-
-
-def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: str) -> bool:
-    index = robot.index(joint)
-    # The torque at a drive is that of all sensors of its coupled joints, C^-T tau.
-    used = group_of(robot.transmission, index) if signal == "joint_torque" else [index]
-    channels = [getattr(motion, signal) for motion in motions]
-    return all(data is not None and bool(np.all(np.isfinite(data[:, used]))) for data in channels)
 
 
 # Procedures, and what they cannot have
