@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Literal, Self
 
@@ -142,7 +142,7 @@ class TwoStepFits:
     """One fit per equation over all conditions.
 
     A parameter that is not shared has one column per condition, with the condition in its name.
-    `shares` {equation: {condition: its rows}} are those of `ConditionRows`, and `known_errors` the
+    `shares` {equation: {condition: its rows}} are those of `rows_of_conditions`, `known_errors` the
     errors of what was given as known, which all estimates have.
     """
 
@@ -220,15 +220,13 @@ def estimate_two_step(
     }
     stored, propagated = estimator.weigh is not None, propagated_names(first.robot, joints)
     is_plain = equations is None
-    with rows_of_conditions(
-        conditions, specific, by_condition, propagated, stored, progress
-    ) as of_conditions:
-        rows = of_conditions.rows
+    chosen = conditions, specific, by_condition, propagated, stored, progress
+    with rows_of_conditions(*chosen) as (rows, shares):
         motors = _fits_of_motors(whole, estimator, joints, sensed, rows)
         side = LoadSideFit(motors, estimator, datasets[0].cutoff_hz, is_plain, sensor_errors)
         load = side.fit(rows[LOAD], np.zeros((0, 0)))
     fits = replace(motors, load=load, refit=side.fit if is_plain else None)
-    return TwoStepFits(conditions, fits, of_conditions.shares)
+    return TwoStepFits(conditions, fits, shares)
 
 
 def propagated_names(robot: Robot, springs: Sequence[str]) -> list[ParameterName]:
@@ -236,17 +234,6 @@ def propagated_names(robot: Robot, springs: Sequence[str]) -> list[ParameterName
     return [
         ParameterName(x, joint) for joint in springs for x in spring_regressor(robot, joint).names
     ]
-
-
-@dataclass(frozen=True, eq=False)
-class ConditionRows:
-    """The rows {equation: its rows} over all conditions, and who has which of them.
-
-    `shares` are {equation: {condition: its rows}}, none for one condition, which has all rows.
-    """
-
-    rows: Mapping[str, Rows]
-    shares: Mapping[str, Mapping[str, Share]] = field(default_factory=dict)
 
 
 @contextmanager
@@ -258,8 +245,11 @@ def rows_of_conditions(
     stored: bool,
     progress: bool = False,
     error_names: Sequence[ParameterName] = (),
-) -> Iterator[ConditionRows]:
-    """Yield the rows of the `equations` {condition: {equation: function for its rows}}.
+) -> Iterator[tuple[Mapping[str, Rows], Mapping[str, Mapping[str, Share]]]]:
+    """Yield the rows {equation: rows} over all conditions, and who has which of them.
+
+    `equations` are {condition: {equation: function for its rows}}, and the shares {equation:
+    {condition: its rows}}, none of a single condition, which has all.
 
     Those of one condition may be stored in files. `propagated` are the columns that the load side
     has besides its own. Every equation has columns of the errors of known constants, which are
@@ -268,7 +258,7 @@ def rows_of_conditions(
     if len(conditions) == 1:
         ((name, only),) = conditions.items()
         with rows_of_equations(only.datasets, equations[name], stored, progress) as rows:
-            yield ConditionRows(rows)
+            yield rows, {}
         return
     parts = {
         name: rows_in_memory(x.datasets, equations[name], progress)
@@ -286,7 +276,7 @@ def rows_of_conditions(
         is_specific = partial(_is_specific, specific, joint, error_names)
         joined[key] = joined_rows(rows_of_all, is_specific, propagated_of_all)
     shares = {key: shares_of(rows_of_all) for key, rows_of_all in by_equation.items()}
-    yield ConditionRows(joined, shares)
+    yield joined, shares
 
 
 def _is_specific(
