@@ -388,8 +388,8 @@ class Candidate:
         The joint concerned.
     field, term : str
         What it is, such as the field and the term of a drive.
-    proposed : callable
-        Return the columns at every point of the grid of nonlinear parameters.
+    alternatives : tuple of Alternative
+        The columns at every point of the grid of nonlinear parameters, none if it has no columns.
     about : ColumnCheck
         The check that the candidate belongs to.
     """
@@ -397,13 +397,8 @@ class Candidate:
     joint: str
     field: str
     term: str
-    proposed: Callable[[], Iterable[Alternative]]
+    alternatives: tuple[Alternative, ...]
     about: Any = None
-
-    @cached_property
-    def alternatives(self) -> tuple[Alternative, ...]:
-        """What is `proposed`, the same next to whatever was accepted before."""
-        return tuple(self.proposed())
 
     @property
     def origin(self) -> tuple[Any, str]:
@@ -416,16 +411,9 @@ class Candidate:
         return self.joint, self.field, self.term
 
 
-def linear_candidate(
-    joint: str, field: str, term: str, columns: Callable[[], Array | None]
-) -> Candidate:
-    """Return a candidate of columns (R, c) that depend on no nonlinear parameter, if it has any."""
-
-    def alternatives() -> list[Alternative]:
-        H = columns()
-        return [] if H is None else [Alternative(H, H.shape[1])]
-
-    return Candidate(joint, field, term, alternatives)
+def linear_candidate(joint: str, field: str, term: str, H: Array) -> Candidate:
+    """Return a candidate of columns (R, c) that depend on no nonlinear parameter."""
+    return Candidate(joint, field, term, (Alternative(H, H.shape[1]),))
 
 
 @dataclass(frozen=True)
@@ -439,9 +427,8 @@ class ColumnCheck(Check[Fit, str, Candidate], Generic[Fit]):
     finding: Callable[[Fit, str, Acceptance, float], Finding | None]
 
     def made(self, *subject: *tuple[Fit, str]) -> Iterable[Candidate]:
-        """Return the candidates of a joint, with this check and their columns."""
-        of_check = [replace(x, about=self) for x in super().made(*subject)]
-        return [x for x in of_check if x.alternatives is not None]  # computed here
+        """Return the candidates of a joint, which are about this check."""
+        return [replace(x, about=self) for x in super().made(*subject)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,7 +96,7 @@ def _harmonics(side: Side, joint: str, name: str, orders: list[int]) -> Iterator
         sizes = np.abs(np.diag(np.linalg.qr(rest[:, both])[1]))
         # the norm of a cosine over its periods is sqrt(R / 2)
         is_left = bool(np.min(sizes) >= tol.POOR * np.sqrt(0.5 * len(pairs)))
-        models = partial(tuple, [engine.Alternative(pairs[:, both], 2)] * is_left)
+        models = (engine.Alternative(pairs[:, both], 2),) * is_left
         yield engine.Candidate(joint, name, str(order), models)
 
 
@@ -512,7 +512,7 @@ def _varied(q: Array, apart: Array, deflection: Array) -> tuple[Array, Array]:
 def late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what a late torque adds to the equation: tau - d tau' to first order, late by d."""
     channel = torque_channel(side, joint)
-    yield engine.linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
+    yield engine.linear_candidate(joint, "delay", channel, _slope(side, joint))
 
 
 def late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -525,7 +525,7 @@ def late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
     drive = side.robot.drives[joint]
     factor = drive.load_radius * (-_lever(side, joint) if side.is_motor else drive.load_radius)
     slope = side.drive(joint, at_joint=True).signal("theta_L_dot")
-    yield engine.linear_candidate(joint, "delay", "joint_position", lambda: factor * slope)
+    yield engine.linear_candidate(joint, "delay", "joint_position", factor * slope)
 
 
 def torque_channel(side: Side, joint: str) -> str:
@@ -724,7 +724,7 @@ def zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
 
     The motors of springs move along, because the spring offset absorbs a constant deflection.
     """
-    turned = partial(np.take, side.slopes, [side.robot.index(joint)], axis=1)
+    turned = side.slopes[:, [side.robot.index(joint)]]
     yield engine.linear_candidate(joint, "offset", "joint_position", turned)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, singledispatch
+from functools import cached_property, singledispatch
 from itertools import chain, compress, product
 
 import numpy as np
@@ -39,14 +39,14 @@ def _other_set_ups(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """
     numbers = [*dict.fromkeys(side.logs)] if joint == side.joints[0] else []
     for number in numbers[1:] if len(numbers) <= 2 else numbers:
-        yield engine.Candidate(joint, "log", str(number), partial(_of_log, side, number))
+        yield engine.Candidate(joint, "log", str(number), (_of_log(side, number),))
 
 
-def _of_log(side: Side, number: int) -> list[engine.Alternative]:
+def _of_log(side: Side, number: int) -> engine.Alternative:
     """Return the columns of the fit at the rows of a log."""
     rows = side.equation.rows
     is_own = np.array(side.logs)[rows.run.astype(int)] == number
-    return [engine.Alternative(rows.H, rows.H.shape[1], own=is_own)]
+    return engine.Alternative(rows.H, rows.H.shape[1], own=is_own)
 
 
 def _is_another_set_up(
@@ -62,7 +62,7 @@ def _is_another_set_up(
     is_fixed = np.array([x == "stiffness" or not (side.is_motor or x.owner) for x in names])
     own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])
     further = [*dict.fromkeys(side.logs)][1:]
-    of_each = np.hstack([_of_log(side, x)[0].columns[:, ~is_fixed] for x in further])
+    of_each = np.hstack([_of_log(side, x).columns[:, ~is_fixed] for x in further])
     with_friction = side.equation.with_alternatives([engine.Alternative(of_each, 0)])
     explained, scores, _ = _explained_by(with_friction, own, is_fixed)
     if explained >= MATTERS and scores:

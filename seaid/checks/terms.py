@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from itertools import chain, compress, product
 
 import numpy as np
@@ -260,7 +260,7 @@ def term_candidates(
     drive: DriveRows, terms: Iterable[tuple[str, str]], grids: Grids
 ) -> list[engine.Candidate]:
     """Return terms (field, term) of a drive as candidates."""
-    return [engine.Candidate(drive.joint, *x, partial(drive.terms, *x, grids)) for x in terms]
+    return [engine.Candidate(drive.joint, *x, (*drive.terms(*x, grids),)) for x in terms]
 
 
 @dataclass(frozen=True)

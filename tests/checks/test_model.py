@@ -489,7 +489,7 @@ def test_a_width_that_the_sampling_explains_is_noted_only(resolved: float, sever
     support = ModelComparison(explained=0.5, **tests, **blocks)  # type: ignore[arg-type]
     values = FrozenMapping({"coulomb_width": 8.0})
     smooth = Alternative(np.ones((1, 1)), 1, (), values, ("coulomb_friction",))
-    width = Trial(Candidate("hip_roll", "friction", "smooth_coulomb", tuple), support, smooth)
+    width = Trial(Candidate("hip_roll", "friction", "smooth_coulomb", ()), support, smooth)
     accepted = [Accepted(width, np.ones(1), np.ones(1))]
     check = next(check for check in DRIVE_CHECKS if check.code is CODES["missing-term"])
     nothing: Any = None
