@@ -213,11 +213,10 @@ def estimate_two_step(
     joints = whole.springs
     sensed = _joints_scaled_by_sensors(whole) if equations is None else ()
     sensed = tuple(x for x in sensed if not specific.has(ParameterName(STIFFNESS, x)))
-    by_condition = {
-        name: equations
-        or {**two_step_equations(x.robot, x.model, joints), **_spring_equations(x.robot, sensed)}
-        for name, x in conditions.items()
+    of_all = {
+        name: two_step_equations(x.robot, x.model, joints, sensed) for name, x in conditions.items()
     }
+    by_condition = of_all if equations is None else dict.fromkeys(conditions, equations)
     stored, propagated = estimator.weigh is not None, propagated_names(first.robot, joints)
     is_plain = equations is None
     chosen = conditions, specific, by_condition, propagated, stored, progress
@@ -347,16 +346,21 @@ def _checks(actuators: Mapping[str, FittedRows], condition: str) -> dict[str, Mo
 
 
 def two_step_equations(
-    robot: Robot, model: LoadModel, springs: Sequence[str]
+    robot: Robot, model: LoadModel, springs: Sequence[str], sensed: Sequence[str] = ()
 ) -> dict[str, Regress]:
-    """Return the functions for the rows: of each elastic joint, and of the load side (`LOAD`)."""
+    """Return the functions for the rows: of each elastic joint, and of the load side (`LOAD`).
+
+    Those of the springs of `sensed` joints are of (4b) too.
+    """
     # Springs of zero have no torque in y, but their columns T of (4b) are in `propagated`: after
     # the fits of the springs s, y + T s is (8) with their torque, and T C_s T^T its covariance.
     zero = drive_estimates.without_torque(robot, springs)
     equations: dict[str, Regress] = {
         joint: partial(actuator_regression, robot, joint=joint) for joint in robot.elastic_joints
     }
-    return equations | {LOAD: partial(load_regression, robot, model=model, springs=zero)}
+    equations[LOAD] = partial(load_regression, robot, model=model, springs=zero)
+    of_springs = {sensed_spring(x): partial(spring_regression, robot, joint=x) for x in sensed}
+    return equations | of_springs
 
 
 def _with_noisy_deflection(
@@ -403,10 +407,6 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
                 f"(known = ['{STIFFNESS}']), its rotor inertia, or the constant itself "
                 f"(known = ['{name}'])"
             )
-
-
-def _spring_equations(robot: Robot, joints: Sequence[str]) -> dict[str, Regress]:
-    return {sensed_spring(x): partial(spring_regression, robot, joint=x) for x in joints}
 
 
 @dataclass(frozen=True, eq=False)
