@@ -18,10 +18,11 @@ from seaid.legged import base, contacts, extension, feet
 
 CHECKS: tuple[Any, ...] = (
     *(*setup.OF_LOGS, *setup.OF_MOTION, *setup.MISTAKES, *setup.OF_COMMANDS, *setup.OF_REST),
-    *(*channels.OF_STRENGTHS, *channels.OF_STOPS, *channels.OF_LIMITS, *commands.OF_DELAYS),
-    *(*model.COLUMN_CHECKS, *columns.OF_SCALES, *verdict.OF_FIT),
-    *(*values.OF_NOISE, *values.OF_DRIVES, *values.OF_FIXED, *values.OF_OFFSETS),
-    *(*values.OF_GROUPS, *values.OF_GEARS, *values.OF_CHANNELS),
+    *(channels.strength_findings, channels.stop_findings, channels.limit_findings),
+    *(*model.COLUMN_CHECKS, columns.unknown_scales, commands.delay_estimate_findings),
+    *(*verdict.OF_FIT, values.noise_findings, values.drive_findings, values.fixed_findings),
+    *(values.offset_findings, values.shared_findings, values.gear_findings),
+    values.unused_findings,
     *(*base.RECORD_CHECKS, *feet.MOTION_CHECKS, *feet.LIFT_CHECKS, *contacts.FEET_CHECKS),
     *extension.LATE_CHECKS,
 )

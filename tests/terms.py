@@ -24,7 +24,7 @@ from seaid.identification.conclusion import (
     value_findings,
     with_value_findings,
 )
-from seaid.identification.nonlinear_terms import linearised_robot, searched_drives
+from seaid.identification.nonlinear_terms import linearised_condition, searched_drives
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.legged import load_robot
 from seaid.log import Log, Motion
@@ -224,12 +224,12 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     """Do what `identify` does, with a motion instead of a log, from nothing but what is known."""
     known = robot.without_nominal()
     used = joints_with_torque(known, [motion]) if rows is None else tuple(rows)
-    known, datasets = linearised_robot(known, [motion], used)
-    condition, estimator = Condition(known, datasets, used), estimator_named("wls")
-    sides = estimate_two_step({ONLY: condition}, estimator).of(ONLY)
+    condition = linearised_condition(Condition(known, [motion], used))
+    known = condition.robot
+    sides = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
     values = value_findings(sides, robot, known, None)
     sides = replace(sides, drives=searched_drives(sides.drives, condition))
-    return with_value_findings(identification_of(known, sides, datasets), values)
+    return with_value_findings(identification_of(known, sides, condition.datasets), values)
 
 
 @cache

@@ -16,7 +16,7 @@ from seaid._arrays import Array, is_constant, runs
 from seaid._files import toml_key
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Channel, channels_of, in_description, in_drives
-from seaid.checks.engine import Check
+from seaid.checks.engine import Check, looks_for
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, listed
@@ -431,6 +431,7 @@ def _offset(experiment: Experiment, j: int, number: int, change: float, size: fl
     return CODES["encoder-offsets-differ"].finding(*of_joint)
 
 
+@looks_for(CODES["unit"])
 def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     """Yield torques that are far larger than any that the bodies need, most of which are known.
 
@@ -455,6 +456,7 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
         yield CODES["unit"].finding(*of_joints, joints=joints)
 
 
+@looks_for(CODES["contact"])
 def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Finding]:
     """Yield joints whose motors push outwards where they are at their limits, as against a stop.
 
@@ -499,6 +501,7 @@ def _times_beyond(log: Log, robot: Robot, joint: str, far: float) -> list[list[f
     return [[round(float(log.time[k]), 3) for k in (a, b - 1)] for a, b in runs(near)]
 
 
+@looks_for(CODES["unit"])
 def limit_findings(experiment: Experiment) -> Iterator[Finding]:
     """Yield joints that move or pull many times beyond the limits of the robot file."""
     robot = experiment.robot
@@ -516,10 +519,3 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
                 times, words = largest / limit, {"name": name, "times": f"{largest / limit:.3g}"}
                 evidence = {f"{name} over its limit": times, **words}
                 yield CODES["unit"].finding("limits", joint, evidence)
-
-
-OF_STRENGTHS = (Check(CODES["unit"], (), strength_findings),)
-OF_STOPS = (Check(CODES["contact"], (), stop_findings),)
-OF_LIMITS = (Check(CODES["unit"], (), limit_findings),)
-"""What is looked for in torques that are none of the bodies: far too large, of a stop, or beyond
-the limits of the robot file."""

@@ -164,7 +164,8 @@ def _codes() -> Mapping[str, Code]:
     codes = dict[str, Code]()
     for name, table in tables.items():
         texts, of_cases = _in_lines(table), (x for x in table if isinstance(table[x], dict))
-        cases = {case: Case(**_in_lines(table[case])) for case in of_cases}
+        common = {"message": texts.pop("message", "")}
+        cases = {case: Case(**common | _in_lines(table[case])) for case in of_cases}
         codes[name] = Code(name, **texts, cases=FrozenMapping(cases, f"case of '{name}'"))
     return FrozenMapping(codes, "code of a finding")
 

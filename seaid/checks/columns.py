@@ -299,7 +299,7 @@ def _gain_scales(side: Side, joint: str) -> Iterator[engine.Candidate]:
     With y = tau - tau_known and gains that are 1 / s of their unit, tau = (tau_known + ...) / s: y
     has (1 / s - 1) tau_known more.
     """
-    yield engine.linear_candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
+    yield engine.linear_candidate(joint, "gain_scale", "", _known_torque(side, joint))
 
 
 def _known_torque(side: Side, joint: str) -> Array:
@@ -411,7 +411,7 @@ def _unknown_scales(robot: Robot, joints: Sequence[str]) -> Iterator[Finding]:
 
 
 _UNSCALED = Need[Robot, Sequence[str]]("gains in units of the drive", lambda _, x: bool(x))
-OF_SCALES = (Check(CODES["gain-scale"], (_UNSCALED,), _unknown_scales),)
+unknown_scales = Check(CODES["gain-scale"], (_UNSCALED,), _unknown_scales)
 """What is looked for in joints whose gains have no scale."""
 
 
@@ -421,7 +421,7 @@ def _known_rotors(side: Side, joint: str) -> Iterator[engine.Candidate]:
     With y = tau_M - I_M theta_M'' and a torque that is s times too large, y has (s - 1) I_M
     theta_M'' more: next to a spring of any stiffness the rotor is the scale of the torque.
     """
-    acceleration = partial(side.drive(joint).signal, "theta_M_ddot")
+    acceleration = side.drive(joint).signal("theta_M_ddot")
     yield engine.linear_candidate(joint, "motor_inertia", "", acceleration)
 
 

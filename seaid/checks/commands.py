@@ -19,7 +19,8 @@ import numpy as np
 from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.engine import Check
+from seaid.checks.codes import CODES
+from seaid.checks.engine import looks_for
 from seaid.checks.experiment import Experiment, Transform, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
@@ -101,7 +102,7 @@ def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding
     evidence = {"correlation": min(crossed, other), "correlation as given": max(own)}
     words = {"other": second.joint, "each": f"{crossed:.3f} and {other:.3f}"}
     of_pair = "commands", first.joint, {**evidence, **words}, codes.in_description(lines)
-    yield codes.CODES["swapped-joints"].finding(*of_pair)
+    yield CODES["swapped-joints"].finding(*of_pair)
 
 
 def _controlled_position(log: Log, j: int, ratio: float) -> Array:
@@ -131,7 +132,7 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
     words["name"] = name.replace("_", " ")
     evidence = {"correlation": r, "ratio of the ranges": times}
     remedy = codes.in_description({joint: {name: source}})
-    code = codes.CODES["unit" if r > 0 else "sign"]
+    code = CODES["unit" if r > 0 else "sign"]
     yield code.finding("command", joint, {**evidence, **words}, remedy)
 
 
@@ -171,7 +172,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     evidence = {"share of repeated commands": float(np.sum(runs - 1) / np.sum(runs))}
     if evidence["share of repeated commands"] >= tol.FEW:
         evidence["longest delay [s]"] = period_s * float(np.percentile(runs - 1, 99))
-        yield codes.CODES["delay"].finding("repeats", commanded.joint, evidence)
+        yield CODES["delay"].finding("repeats", commanded.joint, evidence)
 
 
 def _at_stop(commanded: Commanded) -> Iterator[Finding]:
@@ -186,7 +187,7 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     others = codes.excluding_torque([name for name in robot.joint_names if name != joint])
     words = {"range": f"{lower:.4g} to {upper:.4g} {unit}", "unit": unit, "others": others}
     evidence = {"share beyond the limits": share, "farthest beyond": farthest, **words}
-    yield codes.CODES["contact"].finding("stop", joint, evidence, is_worse=share > tol.MOST)
+    yield CODES["contact"].finding("stop", joint, evidence, is_worse=share > tol.MOST)
 
 
 def _limited(commanded: Commanded) -> Iterator[Finding]:
@@ -196,7 +197,7 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
     if not has_limit and robot.drives[joint].is_up_to_scale:
         return  # its gains are in other units than the limit
     limit = limit if has_limit else float(robot.effort_limits[robot.index(joint)])
-    asked, saturation = np.abs(commanded.asked), codes.CODES["saturation"]
+    asked, saturation = np.abs(commanded.asked), CODES["saturation"]
     share = float(np.mean(asked > limit)) if limit > 0 else 0.0
     if share < tol.FEW:
         return
@@ -206,7 +207,7 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
     if times > tol.MANY_TIMES and (has_limit or not np.any(robot.parameters)):
         evidence["median torque over its limit"] = times
         of_joint = "limit", joint, {**evidence, **words}, _declared_scale(robot, [joint])
-        yield codes.CODES["gain-scale"].finding(*of_joint)
+        yield CODES["gain-scale"].finding(*of_joint)
     elif has_limit:
         yield saturation.note("limited", joint, {**evidence, **words})
     else:
@@ -233,7 +234,7 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
         line = f"command_velocity_gain_Nms_per_rad = {gain:g}"
         remedy = codes.in_drives({(joint, "controller"): line}, only="if the drive gets them")
         evidence = {"largest velocity command": largest, "unit": commanded.units[1]}
-        yield codes.CODES["unused-command"].finding("velocity", joint, evidence, remedy)
+        yield CODES["unused-command"].finding("velocity", joint, evidence, remedy)
 
 
 def _encoder_noise(position: Array) -> float:
@@ -256,8 +257,7 @@ def _too_close(commanded: Commanded) -> Iterator[Finding]:
         evidence = {"tracking error over noise": size / noise if noise else 0.0, "noise": noise}
         words = {"unit": commanded.units[1], "times": f"{size / noise if noise else 1.0:.2g}"}
         evidence["tracking error"] = size
-        of_joint = "noise", commanded.joint, {**evidence, **words}
-        yield codes.CODES["unidentifiable"].finding(*of_joint)
+        yield CODES["unidentifiable"].finding("noise", commanded.joint, {**evidence, **words})
 
 
 _OF_COMMANDS = (_repeats, _at_stop, _limited, _ignored, _too_close)
@@ -323,8 +323,7 @@ def _no_measurement(
     if drive.is_elastic or np.isnan(error[0]):  # a joint with a controller is stiff, and commanded
         remedy = _to_be_measured(others)
     case, words = "magnitude" if is_magnitude else "tracking", {"quantity": channel.words}
-    of_joint = case, channel.joint, {**evidence, **words}, remedy
-    return codes.CODES["no-measurement"].finding(*of_joint)
+    return CODES["no-measurement"].finding(case, channel.joint, {**evidence, **words}, remedy)
 
 
 def magnitudes(experiment: Experiment) -> Iterator[Finding]:
@@ -336,7 +335,7 @@ def magnitudes(experiment: Experiment) -> Iterator[Finding]:
     folded = [j for j in experiment.on_bodies if _is_folded(of_file[:, j], torque[:, j])]
     remedy = _to_be_measured(x for i, x in enumerate(names) if i not in folded)
     for j in folded:
-        yield codes.CODES["no-measurement"].finding("folded", names[j], remedy=remedy)
+        yield CODES["no-measurement"].finding("folded", names[j], remedy=remedy)
 
 
 def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
@@ -355,7 +354,7 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
         if is_chance and most < 1 and most_of_all < tol.SEVERE and _is_friction(experiment, j):
             factor = {"torque over that of the bodies": scale.factor, "standard error": scale.error}
             of_joint = "friction", names[j], factor, _to_be_measured(shown)
-            yield codes.CODES["no-measurement"].finding(*of_joint)
+            yield CODES["no-measurement"].finding(*of_joint)
 
 
 def _is_friction(experiment: Experiment, j: int) -> bool:
@@ -415,6 +414,7 @@ _OTHER_GAINS = (
 )
 
 
+@looks_for(CODES["command-delay"])
 def delay_estimate_findings(robot: Robot, stated: Robot, load_side: Estimate) -> Iterator[Finding]:
     """Yield, after a fit, sums that the log determines in place of delays, and unusual delays.
 
@@ -440,11 +440,7 @@ def delay_estimate_findings(robot: Robot, stated: Robot, load_side: Estimate) ->
     if sums:
         evidence["delay within [s]"] = NORMAL_95 * stated_s
         of_sums = "sums", "", {**evidence, "sums": listed(sums)}, _OTHER_GAINS
-        yield codes.CODES["command-delay"].finding(*of_sums)
-
-
-OF_DELAYS = (Check(codes.CODES["command-delay"], (), delay_estimate_findings),)
-"""What is looked for in the delays of commands, after a fit."""
+        yield CODES["command-delay"].finding(*of_sums)
 
 
 def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, float]:
@@ -473,7 +469,7 @@ def _unusual_delay(delay: float, joints: Sequence[str], stated: str = "") -> Fin
     lines = codes.in_drives({(joint,): f"command_delay_s = {delay:.4g}" for joint in joints})
     evidence, remedy = {"delay [s]": delay, **words}, lines if stated else None
     of_commands = "commands", codes.only_joint(joints), evidence, remedy
-    return codes.CODES["delay"].finding(*of_commands, is_worse=delay > 0 or bool(stated))
+    return CODES["delay"].finding(*of_commands, is_worse=delay > 0 or bool(stated))
 
 
 def _controllers(experiment: Experiment) -> dict[int, Controller]:
@@ -500,7 +496,7 @@ def torque_limits(experiment: Experiment) -> Iterator[Transform]:
         evidence |= {"largest torque": float(np.max(asked)), "share": float(np.mean(asked > limit))}
         line = f"torque_limit_Nm = {limit:.3g}  # write that of your drive"
         of_joint = "motion", joint, evidence, codes.in_drives({(joint, "controller"): line})
-        finding = codes.CODES["saturation"].finding(*of_joint, joints=(joint,))
+        finding = CODES["saturation"].finding(*of_joint, joints=(joint,))
         yield Transform(finding, changed[limit], penalty=1.0)
 
 
@@ -540,6 +536,6 @@ def _in_other_units(
     evidence = {f"torque of {names[j]} over that of the bodies": x for j, x in off.items()}
     joints = tuple(names[j] for j in sorted(factors))
     of_joints = "bodies", "", {**evidence, **words}, _declared_scale(robot, joints)
-    finding = codes.CODES["gain-scale"].finding(*of_joints, joints=joints)
+    finding = CODES["gain-scale"].finding(*of_joints, joints=joints)
     right = scaled(experiment, {j: 1 / factor for j, factor in factors.items()}, "t")
     return Transform(finding, right, penalty=float(len(off)))

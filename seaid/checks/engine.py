@@ -65,6 +65,14 @@ class Check(Generic[*Subject, Proposal]):
     needs: tuple[Need[*Subject], ...]
     proposed: Callable[[*Subject], Iterable[Proposal]]
 
+    def made(self, *subject: *Subject) -> Iterable[Proposal]:
+        """Return what is proposed for a subject, nothing for one without what the check needs."""
+        return self.proposed(*subject) if all(x.is_met(*subject) for x in self.needs) else ()
+
+    def __call__(self: Check[*Subject, Finding], *subject: *Subject) -> list[Finding]:
+        """Return what is `observed` by this check alone."""
+        return observed((self,), *subject)
+
 
 def proposals(
     checks: Iterable[Check[*Subject, Proposal]], notes: list[Finding], *subject: *Subject
@@ -72,14 +80,20 @@ def proposals(
     """Yield what checks propose for a subject, and add the `notes` on those that raise."""
     for check in checks:
         with guarded(check.code, notes):
-            if all(need.is_met(*subject) for need in check.needs):
-                yield from check.proposed(*subject)
+            yield from check.made(*subject)
 
 
 def observed(checks: Iterable[Check[*Subject, Finding]], *subject: *Subject) -> list[Finding]:
     """Return the findings of checks, in their order, and notes on those that raise."""
     notes: list[Finding] = []
     return [*proposals(checks, notes, *subject), *notes]
+
+
+def looks_for(
+    code: Code,
+) -> Callable[[Callable[[*Subject], Iterable[Finding]]], Check[*Subject, Finding]]:
+    """Return the decorator by which a function is a check that needs nothing."""
+    return lambda findings: Check(code, (), findings)
 
 
 @contextmanager
@@ -374,8 +388,8 @@ class Candidate:
         The joint concerned.
     field, term : str
         What it is, such as the field and the term of a drive.
-    proposed : callable
-        Return the columns at every point of the grid of nonlinear parameters.
+    alternatives : tuple of Alternative
+        The columns at every point of the grid of nonlinear parameters, none if it has no columns.
     about : ColumnCheck
         The check that the candidate belongs to.
     """
@@ -383,13 +397,8 @@ class Candidate:
     joint: str
     field: str
     term: str
-    proposed: Callable[[], Iterable[Alternative]]
+    alternatives: tuple[Alternative, ...]
     about: Any = None
-
-    @cached_property
-    def alternatives(self) -> tuple[Alternative, ...]:
-        """What is `proposed`, the same next to whatever was accepted before."""
-        return tuple(self.proposed())
 
     @property
     def origin(self) -> tuple[Any, str]:
@@ -402,16 +411,9 @@ class Candidate:
         return self.joint, self.field, self.term
 
 
-def linear_candidate(
-    joint: str, field: str, term: str, columns: Callable[[], Array | None]
-) -> Candidate:
-    """Return a candidate of columns (R, c) that depend on no nonlinear parameter, if it has any."""
-
-    def alternatives() -> list[Alternative]:
-        H = columns()
-        return [] if H is None else [Alternative(H, H.shape[1])]
-
-    return Candidate(joint, field, term, alternatives)
+def linear_candidate(joint: str, field: str, term: str, H: Array) -> Candidate:
+    """Return a candidate of columns (R, c) that depend on no nonlinear parameter."""
+    return Candidate(joint, field, term, (Alternative(H, H.shape[1]),))
 
 
 @dataclass(frozen=True)
@@ -423,6 +425,10 @@ class ColumnCheck(Check[Fit, str, Candidate], Generic[Fit]):
     """
 
     finding: Callable[[Fit, str, Acceptance, float], Finding | None]
+
+    def made(self, *subject: *tuple[Fit, str]) -> Iterable[Candidate]:
+        """Return the candidates of a joint, which are about this check."""
+        return [replace(x, about=self) for x in super().made(*subject)]
 
 
 @dataclass(frozen=True, eq=False)

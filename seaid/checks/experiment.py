@@ -41,8 +41,8 @@ INSTANTS = 200
 _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
-_TINY, _LEAST = 1e-9, 1e-300
-"""Columns smaller than this part of the largest one are rounding; least divisor."""
+_LEAST = 1e-300
+"""Least divisor."""
 
 KINDS = {
     "of_sensors": (tol.FEW, "torque between motor and sensor"),
@@ -654,37 +654,39 @@ class Experiment:
         is_stiff = ~np.isin(np.arange(self.robot.n), self._elastic)
         return np.asarray(self._is_open & np.isfinite(self.torque[0]) & is_stiff)
 
-    @cached_property
-    def encoder_ratios(self) -> dict[int, tuple[float, float]]:
-        """Gear ratio between both encoders and its standard error, by joint.
+    def encoder_slope(self, j: int) -> tuple[float, float]:
+        """Return the motor angle per joint angle over the gear ratio, and what it leaves.
 
-        Of a spring joint from the motor equation (7), tau - I w' = friction + a theta_M - b theta_L
-        with N = b/a r_L/r_M, or from the torque sensor and (4b); of others from the angles alone.
-        Errors of the gear do not average out.
+        The deflection of a spring is none of it, nor are the zeros of each log. What is left is a
+        part (rms) of the motion.
         """
-        ratios = {}
-        # the zeros of the encoders of each log but the first
-        zeros = np.equal.outer(self.log, np.unique(self.log)[1:]).astype(float)
-        for j in np.flatnonzero(self.both).tolist():
-            motor, joint = self.motor[0][:, j], self.turned[0][:, j]
-            if stands_locked(self.lever[j] * joint, motor):
-                continue
-            if self.robot.joint_names[j] in self.robot.elastic_joints:
-                rows, y, others = self._of_spring(j)
-                columns = np.column_stack([motor, joint, others, zeros])
-                if np.sum(rows) <= 3 * columns.shape[1]:
-                    continue
-                slope, error = qr_factor.fitted_slope(columns[rows], y[rows], tol.CORRELATED_ERRORS)
-            else:
-                columns = np.column_stack([joint, np.ones(len(joint)), zeros])
-                x = qr_factor.scaled_svd(columns).solve(motor)
-                slope, residual = float(x[0]), motor - columns @ x
-                # Not over the root of the number of rows: errors of a gear do not average out.
-                error = float(np.std(residual)) / max(float(np.std(joint)), _LEAST)
-            # The slope is N r_L / r_M, the gear ratio is N.
-            per_ratio = float(self.ratio[j] / self.lever[j])
-            ratios[j] = slope * per_ratio, error * abs(per_ratio)
-        return ratios
+        zeros, joint = np.equal.outer(self.log, np.unique(self.log)), self.turned[0][:, j]
+        motor, columns = self.motor[0][:, j] / self.lever[j], [joint, zeros, self.deflection(j)]
+        H = np.column_stack(columns)
+        x = qr_factor.scaled_svd(H).solve(motor)
+        return float(x[0]), float(np.std(motor - H @ x)) / max(float(np.std(joint)), _LEAST)
+
+    def encoder_ratio(self, j: int) -> tuple[float, float]:
+        """Return the gear ratio between both encoders and its standard error, NaN if none is shown.
+
+        Of a spring joint it is that of the motor equation (7), tau - I w' = friction + a theta_M -
+        b theta_L with N = b/a r_L/r_M, or of the torque sensor and (4b); of others that of the
+        angles alone, whose error is not over the root of the number of rows: errors of a gear do
+        not average out.
+        """
+        motor, joint, given = self.motor[0][:, j], self.turned[0][:, j], float(self.ratio[j])
+        if not self.both[j] or stands_locked(self.lever[j] * joint, motor):
+            return math.nan, math.nan
+        if self.robot.joint_names[j] not in self.robot.elastic_joints:
+            slope, error = self.encoder_slope(j)
+            return given * slope, given * error
+        rows, y, others = self._of_spring(j)
+        zeros = np.equal.outer(self.log, np.unique(self.log)[1:])  # `others` have the first one
+        columns = np.column_stack([motor / self.lever[j], joint, others, zeros])
+        if np.sum(rows) <= 3 * columns.shape[1]:
+            return math.nan, math.nan
+        slope, error = qr_factor.fitted_slope(columns[rows], y[rows], tol.CORRELATED_ERRORS)
+        return given * slope, given * error
 
     def _of_spring(self, j: int) -> tuple[BoolArray, Array, Array]:
         """Return the rows (R,), torque (R,) and columns (R, k), without the angles, of a spring.

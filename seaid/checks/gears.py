@@ -21,6 +21,7 @@ from seaid._arrays import Array
 from seaid._files import toml_key
 from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
+from seaid.checks.codes import CODES
 from seaid.checks.engine import Acceptance
 from seaid.checks.experiment import (
     MOST_STEPS,
@@ -95,7 +96,7 @@ def _harmonics(side: Side, joint: str, name: str, orders: list[int]) -> Iterator
         sizes = np.abs(np.diag(np.linalg.qr(rest[:, both])[1]))
         # the norm of a cosine over its periods is sqrt(R / 2)
         is_left = bool(np.min(sizes) >= tol.POOR * np.sqrt(0.5 * len(pairs)))
-        models = partial(tuple, [engine.Alternative(pairs[:, both], 2)] * is_left)
+        models = (engine.Alternative(pairs[:, both], 2),) * is_left
         yield engine.Candidate(joint, name, str(order), models)
 
 
@@ -122,7 +123,7 @@ def periodic(side: Side, joint: str, accepted: Acceptance, share: float) -> Find
     table = ", ".join(f"{angle} = {of_angle}" for angle, of_angle in by_angle.items())
     lines = codes.in_drives({(joint,): f"{field} = {{ {table} }}"})
     of_joint = "periodic", joint, {**evidence, "text": text}, lines, share >= tol.MATTERS
-    return codes.CODES["transmission-error"].finding(*of_joint)
+    return CODES["transmission-error"].finding(*of_joint)
 
 
 def _lever(side: Side, joint: str) -> float:
@@ -134,20 +135,14 @@ def _lever(side: Side, joint: str) -> float:
 # Before the fit, as transforms of an experiment
 
 
-def encoder_slope(experiment: Experiment, j: int) -> float:
-    """Return the motor angle per joint angle over the gear ratio, without a spring's deflection."""
-    H = with_constant(experiment.turned[0][:, j], experiment.deflection(j))
-    return float(scaled_svd(H).solve(experiment.motor[0][:, j])[1] / experiment.lever[j])
-
-
 def other_slope(experiment: Experiment, j: int) -> float | None:
     """Return the slope between two encoders over the gear ratio, None if the gear ratio is right.
 
     A slight difference counts only where it is many of its standard errors: springs and errors of
     gears explain a smaller one.
     """
-    slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
-    ratio, error = experiment.encoder_ratios.get(j, (math.nan, math.inf))
+    slope = abs(experiment.encoder_slope(j)[0]) if experiment.both[j] else 1.0
+    ratio, error = experiment.encoder_ratio(j)
     size, given = abs(ratio), float(experiment.ratio[j])  # an encoder may have the opposite sign
     if abs(slope - 1) >= tol.SLIGHT:
         # the deflection of a spring is a part of the slope, and apart in the motor equation
@@ -164,10 +159,10 @@ def _with_ratio(j: int, experiment: Experiment, log_factor: float) -> Experiment
 
 def _other_ratios(experiment: Experiment, j: int, slope: float) -> Iterator[Sequence[float]]:
     """Yield the factors on a gear ratio as `best_factors` does, by the slope of two encoders."""
+    ratio, error = experiment.encoder_ratio(j)
     if not experiment.both[j]:
         yield from best_factors(experiment, partial(_with_ratio, j))
-    elif slope != 1 and j in experiment.encoder_ratios:
-        ratio, error = experiment.encoder_ratios[j]
+    elif slope != 1 and not math.isnan(ratio):
         yield from ((x, error / abs(ratio), float(x == slope)) for x in near(slope))
 
 
@@ -184,7 +179,7 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             if value <= tol.LARGEST_RATIO[is_linear]:
                 evidence = {"given ratio": ratio, "ratio": value, "standard error": std}
                 lines = codes.in_drives({(joint,): f"{key} = {value:.6g}\n{key}_std = {std:.2g}"})
-                finding = codes.CODES["gear-ratio"].finding("other", joint, evidence, lines)
+                finding = CODES["gear-ratio"].finding("other", joint, evidence, lines)
                 yield Transform(finding, _with_ratio(j, experiment, math.log(factor)), penalty)
 
 
@@ -204,9 +199,7 @@ def missing_ratios(experiment: Experiment) -> Iterator[Finding]:
     if ratios:
         words = {"lacking": listed(ratios), "values": listed([f"{x:.3g}" for x in ratios.values()])}
         evidence = {f"bodies over the torque of {joint}": x for joint, x in ratios.items()}
-        yield codes.CODES["gear-ratio"].finding(
-            "lacking", "", evidence | words, joints=tuple(ratios)
-        )
+        yield CODES["gear-ratio"].finding("lacking", "", evidence | words, joints=tuple(ratios))
 
 
 def can_move(experiment: Experiment, joints: Sequence[int], factor: float) -> bool:
@@ -230,7 +223,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
         factors = (1 / lever if side == "joint" else lever).tolist()
         joints = [j for j in range(robot.n) if _may_be_geared(experiment, j, side, factors[j])]
         for places in dict.fromkeys([(*joints,), *((j,) for j in joints)]) if joints else ():
-            of_places = codes.CODES["unit"], "geared", experiment, {j: factors[j] for j in places}
+            of_places = CODES["unit"], "geared", experiment, {j: factors[j] for j in places}
             yield multiplied(*of_places, channel, {"other": other})
 
 
@@ -281,7 +274,7 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
             start, end = experiment.time[[i - 1, i], 0].tolist()
             evidence = {"step": step, "time before [s]": start, "time [s]": end}
             of_joint = "steps", experiment.robot.joint_names[j], {**evidence, "last": f"{last:.0f}"}
-            findings.append(codes.CODES["loose-encoder"].finding(*of_joint))
+            findings.append(CODES["loose-encoder"].finding(*of_joint))
             motor[0, :, j] -= experiment.lever[j] * step * steps[:, i]
             counted[i - 1 : i + 1, j] = False  # the low pass spreads the step over its neighbours
     changed = experiment.with_changes(motor=motor, counted=counted)
@@ -294,7 +287,7 @@ def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
         part, joint = float(experiment.of_encoders[j]), experiment.robot.joint_names[j]
         if part > tol.SEVERE and np.ptp(experiment.turned[0][:, j]) > tol.LEAST_SWING:
             evidence = {"part between the encoders": part}
-            yield codes.CODES["loose-encoder"].finding("apart", joint, evidence)
+            yield CODES["loose-encoder"].finding("apart", joint, evidence)
 
 
 def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
@@ -322,7 +315,7 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
     joints = tuple(names[j] for j in turns)
     words = {"turns": listed(f"{name}: {count:.3g}" for name, count in evidence.items())}
     of_joints = "motors", joints[0], {**evidence, **words}, codes.in_drives(lines)
-    finding = codes.CODES["coupled-joints"].finding(*of_joints, joints=joints)
+    finding = CODES["coupled-joints"].finding(*of_joints, joints=joints)
     changed = experiment.with_changes(robot=experiment.robot.with_drives(drives))
     return Transform(finding, changed, penalty=float(len(turns)))
 
@@ -382,7 +375,7 @@ def _against_another_link(
     changed = changed.with_changes(motor=motor, direction=np.sign(motor[1]))
     added = f"{'minus' if sign < 0 else 'plus'} the angle of {mover}"
     words = {"measured": subject(experiment, (j,), channels), "added": added}
-    finding = codes.CODES["coupled-joints"].finding("absolute", joint, words)
+    finding = CODES["coupled-joints"].finding("absolute", joint, words)
     return Transform(finding, changed, penalty=1.0)
 
 
@@ -405,8 +398,7 @@ def small_springs(experiment: Experiment) -> Iterator[Finding]:
             declared = _declared(experiment, {j: spring}).finding
             evidence = {"explained by the torque": spring.explained, "deflection": apart}
             words = {**declared.evidence, **evidence, "text": declared.message}
-            of_spring = "small", declared.joint, words, declared.remedy
-            yield codes.CODES["gear-compliance"].finding(*of_spring)
+            yield CODES["gear-compliance"].finding("small", declared.joint, words, declared.remedy)
 
 
 def _declared(experiment: Experiment, springs: Mapping[int, _Spring]) -> Transform:
@@ -418,8 +410,7 @@ def _declared(experiment: Experiment, springs: Mapping[int, _Spring]) -> Transfo
     evidence = {f"stiffness of {names[j]}": x.stiffness for j, x in springs.items()}
     lines = codes.in_drives({(names[j],): 'type = "series_elastic"' for j in springs})
     joint, words = codes.only_joint([names[j] for j in springs]), {"springs": listed(text)}
-    of_springs = "declared", joint, {**evidence, **words}, lines
-    finding = codes.CODES["gear-compliance"].finding(*of_springs)
+    finding = CODES["gear-compliance"].finding("declared", joint, {**evidence, **words}, lines)
     return Transform(finding, experiment.with_changes(motor=motor), penalty=float(len(springs)))
 
 
@@ -496,7 +487,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         )
         evidence = {"least ratio": ratio * low, "largest ratio": ratio * high, "given ratio": ratio}
         remedy = codes.in_drives({(joint,): lines})
-        finding = codes.CODES["varying-ratio"].finding("linkage", joint, evidence, remedy)
+        finding = CODES["varying-ratio"].finding("linkage", joint, evidence, remedy)
         yield Transform(finding, changed, penalty=1.0)
 
 
@@ -521,7 +512,7 @@ def _varied(q: Array, apart: Array, deflection: Array) -> tuple[Array, Array]:
 def late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what a late torque adds to the equation: tau - d tau' to first order, late by d."""
     channel = torque_channel(side, joint)
-    yield engine.linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
+    yield engine.linear_candidate(joint, "delay", channel, _slope(side, joint))
 
 
 def late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -534,7 +525,7 @@ def late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
     drive = side.robot.drives[joint]
     factor = drive.load_radius * (-_lever(side, joint) if side.is_motor else drive.load_radius)
     slope = side.drive(joint, at_joint=True).signal("theta_L_dot")
-    yield engine.linear_candidate(joint, "delay", "joint_position", lambda: factor * slope)
+    yield engine.linear_candidate(joint, "delay", "joint_position", factor * slope)
 
 
 def torque_channel(side: Side, joint: str) -> str:
@@ -661,7 +652,7 @@ def late_channels(
     evidence = {"delay [s]": delay, "standard error [s]": error, "explained": share}
     remedy = codes.in_description(entries)
     of_channels = "late", codes.only_joint([*channels]), {**evidence, **words}, remedy, is_doubt
-    return codes.CODES["delay"].finding(*of_channels)
+    return CODES["delay"].finding(*of_channels)
 
 
 def common_delay(
@@ -685,7 +676,7 @@ def common_delay(
     if abs(common) < max(tol.SIGNIFICANT * error, tol.LEAST_DELAY_S):
         return None
     accepted = (x for _, selection in selected for x in selection.accepted)
-    shares = [x.share for x in accepted if x.trial.candidate.about.code is codes.CODES["delay"]]
+    shares = [x.share for x in accepted if x.trial.candidate.about.code is CODES["delay"]]
     side, share = selected[0][0], max(shares, default=0.0)
     channels = {joint: torque_channel(side, joint) for joint in delays}
     return late_channels(side, channels, (common, error), share, is_doubt=True)
@@ -733,7 +724,7 @@ def zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
 
     The motors of springs move along, because the spring offset absorbs a constant deflection.
     """
-    turned = partial(np.take, side.slopes, [side.robot.index(joint)], axis=1)
+    turned = side.slopes[:, [side.robot.index(joint)]]
     yield engine.linear_candidate(joint, "offset", "joint_position", turned)
 
 
@@ -801,4 +792,4 @@ def zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> F
     evidence = {"offset [rad]": offset, "standard error [rad]": error, "explained": share}
     lines = codes.in_description(codes.moved_zeros(side.robot, {joint: offset}, side.sources))
     of_joint = "residual", joint, {**evidence, "rival": rival * is_known}, lines, not is_minor
-    return codes.CODES["encoder-offset"].finding(*of_joint)
+    return CODES["encoder-offset"].finding(*of_joint)

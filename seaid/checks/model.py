@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, singledispatch
+from functools import cached_property, singledispatch
 from itertools import chain, compress, product
 
 import numpy as np
@@ -39,14 +39,14 @@ def _other_set_ups(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """
     numbers = [*dict.fromkeys(side.logs)] if joint == side.joints[0] else []
     for number in numbers[1:] if len(numbers) <= 2 else numbers:
-        yield engine.Candidate(joint, "log", str(number), partial(_of_log, side, number))
+        yield engine.Candidate(joint, "log", str(number), (_of_log(side, number),))
 
 
-def _of_log(side: Side, number: int) -> list[engine.Alternative]:
+def _of_log(side: Side, number: int) -> engine.Alternative:
     """Return the columns of the fit at the rows of a log."""
     rows = side.equation.rows
     is_own = np.array(side.logs)[rows.run.astype(int)] == number
-    return [engine.Alternative(rows.H, rows.H.shape[1], own=is_own)]
+    return engine.Alternative(rows.H, rows.H.shape[1], own=is_own)
 
 
 def _is_another_set_up(
@@ -62,7 +62,7 @@ def _is_another_set_up(
     is_fixed = np.array([x == "stiffness" or not (side.is_motor or x.owner) for x in names])
     own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])
     further = [*dict.fromkeys(side.logs)][1:]
-    of_each = np.hstack([_of_log(side, x)[0].columns[:, ~is_fixed] for x in further])
+    of_each = np.hstack([_of_log(side, x).columns[:, ~is_fixed] for x in further])
     with_friction = side.equation.with_alternatives([engine.Alternative(of_each, 0)])
     explained, scores, _ = _explained_by(with_friction, own, is_fixed)
     if explained >= MATTERS and scores:
@@ -210,13 +210,13 @@ class SideSelection:
 
     def _shown(self, fitted: FittedRows) -> set[tuple[str, str]]:
         """Return what the noise and the values of a fit show (code, joint)."""
-        findings, known = [*noise_findings(fitted.estimate)], self.side.fitted.estimate.names
+        findings, known = noise_findings(fitted.estimate), self.side.fitted.estimate.names
         estimate = fitted.estimate.of_names(x for x in fitted.estimate.names if x in known)
         if self.side.is_motor:
             (joint,) = self.side.joints
             findings += drive_findings(joint, estimate, fitted.qr_factor)
         for joint, of_joint in estimate.by_owner().items():
-            findings += drive_findings(joint, of_joint) if joint in self.side.joints else []
+            findings += drive_findings(joint, of_joint, None) if joint in self.side.joints else []
         offsets = {("torque-offset", joint) for joint in sure_offsets(fitted.estimate.by_owner())}
         return offsets | {(finding.code, finding.joint) for finding in findings}
 
@@ -330,12 +330,8 @@ def selections(sides: Sequence[Side]) -> list[SideSelection]:
 
 def _proposed(side: Side) -> tuple[list[engine.Candidate], list[Finding]]:
     """Return the candidates of a side, and notes on the checks that raise."""
-    candidates, notes = list[engine.Candidate](), list(side.notes)
-    for check, joint in product(column_checks(side.robot), side.joints):
-        with guarded(check.code, notes):
-            of_check = [replace(x, about=check) for x in proposals([check], notes, side, joint)]
-            candidates += [x for x in of_check if x.alternatives is not None]  # computed here
-    return candidates, notes
+    notes, pairs = list(side.notes), product(column_checks(side.robot), side.joints)
+    return [x for check, j in pairs for x in proposals([check], notes, side, j)], notes
 
 
 def _selected(

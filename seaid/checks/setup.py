@@ -932,7 +932,7 @@ def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Findin
     kept = {*experiment.robot.joint_names} - {x.joint for x in known if x.code in hidden}
     findings, without = mistakes(with_torques_of(experiment, kept).in_motion)
     is_named = any(finding.severity != "note" for finding in findings)
-    beyond = [] if is_named else observed(channels.OF_LIMITS, experiment)
+    beyond = [] if is_named else channels.limit_findings(experiment)
     return [*findings, *beyond, *observed(OF_REST, without)]
 
 
@@ -953,7 +953,7 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
         return []
     stopped = {finding.joint for finding in known if finding.code == "contact"}
     findings, without = mistakes(experiment, OF_COMMANDS)
-    findings += observed(channels.OF_LIMITS, without)
+    findings += channels.limit_findings(without)
     return [finding for finding in findings if finding.joint not in stopped]
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from itertools import chain, compress, product
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping
+from seaid._arrays import Array
 from seaid.checks import engine
 from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, unit_of
 from seaid.drives.drives import deflection, term_fields
@@ -141,8 +141,7 @@ class DriveRows:
         columns = np.split(self.at_rows(parts), len(points), axis=1)
         # Columns that replace others are no further parameters, values on a grid are.
         for point, H in zip(points, columns, strict=True):
-            at = FrozenMapping(point | zero_value)
-            yield engine.Alternative(H, len(added) + len(grid), places, at, names)
+            yield engine.Alternative(H, len(added) + len(grid), places, point | zero_value, names)
 
     def _grid(self, names: Sequence[str], grids: Grids) -> Grids:
         """Return the values of nonlinear parameters that are tried."""
@@ -261,7 +260,7 @@ def term_candidates(
     drive: DriveRows, terms: Iterable[tuple[str, str]], grids: Grids
 ) -> list[engine.Candidate]:
     """Return terms (field, term) of a drive as candidates."""
-    return [engine.Candidate(drive.joint, *x, partial(drive.terms, *x, grids)) for x in terms]
+    return [engine.Candidate(drive.joint, *x, (*drive.terms(*x, grids),)) for x in terms]
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Code, Sources, consequences, only_joint
-from seaid.checks.engine import Check
+from seaid.checks.codes import CODES, Sources, consequences, only_joint
+from seaid.checks.engine import looks_for
 from seaid.drives import DEAD_ZONES, PARAMETERS, Drive, ParameterName, readable, unit_of
 from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic
-from seaid.errors import Finding, Severity, listed
+from seaid.errors import Finding, listed
 from seaid.estimation import Diagnostics, Estimate, FittedRows, SharedParameter, nearest
 from seaid.estimation.estimate import ModelChecks
 from seaid.estimation.qr_factor import QRFactor, first_term, triangle
@@ -37,24 +37,23 @@ if TYPE_CHECKING:
 
 
 def disagreement(
-    code: Code, joint: str, rows: Regression, ways: Mapping[str, Array], scores: Array, remedy: str
+    joint: str, rows: Regression, ways: Mapping[str, Array], scores: Array, remedy: str
 ) -> Iterator[Finding]:
-    """Yield the finding on the parameters that differ between two ways, with the worst of them.
+    """Yield the finding on the parameters that differ between two cutoffs, with the worst of them.
 
-    `ways` {way: its values}; `scores` (p,) are the standard errors by which they differ, zero where
-    it does not matter.
+    `ways` {cutoff in words: its values}; `scores` (p,) are the standard errors by which they
+    differ, zero where it does not matter.
     """
     if not np.any(scores):
         return
     names, worst = [first_term(readable(name)) for name in rows.names], int(np.argmax(scores))
-    differing = [names[place] for place in np.argsort(-scores) if scores[place]]
     numbers = {way: float(values[worst]) for way, values in ways.items()}
     sizes = " and ".join(f"{number:.4g}" for number in numbers.values())
-    text = f"{' and '.join(ways)} give different values of {listed(differing, 4)}: {names[worst]} "
-    text += f"is {f'{sizes} {rows.units[worst]}'.strip()}, {scores[worst]:.0f} standard errors of "
-    evidence = {**numbers, "standard errors": float(scores[worst])}
-    text += "the difference apart"
-    yield code.finding(text, joint, evidence=evidence, remedy=remedy, certainty="possible")
+    words = {"ways": " and ".join(ways), "worst": names[worst]}
+    words["sizes"] = f"{sizes} {rows.units[worst]}".strip()
+    words["differing"] = listed([names[x] for x in np.argsort(-scores) if scores[x]], 4)
+    evidence = {**numbers, "standard errors": float(scores[worst]), **words}
+    yield CODES["cutoff-sensitive"].finding("differs", joint, evidence, remedy)
 
 
 def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[Finding]:
@@ -79,6 +78,7 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
 # The noise of a fit
 
 
+@looks_for(CODES["drift"])
 def noise_findings(estimate: Estimate) -> Iterator[Finding]:
     """Yield what the errors of the rows of a fit show, by its diagnostics."""
     shown = estimate.diagnostics
@@ -235,7 +235,6 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
         if name not in POSITIVE or not value < 0:
             continue
         is_sure, words = value < -tol.SURE * error, {"name": text}
-        severity: Severity = "doubtful" if is_sure else "note"
         if PARAMETERS[name].starts:  # of a search: not due to a wrong sign in the log
             yield CODES["needless-term"].finding("zero", joint, {**evidence, **words})
         elif name == "coulomb_friction" and "stiffness" in estimate.names:
@@ -243,39 +242,30 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
             of_joint = "play", joint, {**evidence, **words}
             yield CODES["loose-encoder"].finding(*of_joint, is_worse=is_sure)
         else:
-            severity = "wrong" if is_sure and name in _OF_TORQUE else severity
-            remedy = _if_negative(name, estimate.names, is_sure)
-            of_value = "negative", joint, {**evidence, **words}, remedy
-            yield CODES["negative-parameter"].finding(*of_value, severity=severity)
+            case = _if_negative(name, estimate.names, is_sure)
+            of_value = case, joint, {**evidence, **words}
+            yield CODES["negative-parameter"].finding(*of_value, is_worse=is_sure)
 
 
-_WITH_ROTORS = "let the bodies of the robot file be identified: they may contain the rotors"
-
-
-def _if_negative(name: str, others: Collection[str], sure: bool) -> str:
-    """Return what to do about a parameter below zero, `sure` if its interval excludes zero."""
+def _if_negative(name: str, others: Collection[str], is_sure: bool) -> str:
+    """Return the case of a parameter below zero, `is_sure` if its interval excludes zero."""
     if name in _OF_TORQUE:
-        text = "the motor's torque, current or voltage, the deflection, or all channels of this "
-        return text + "joint have the opposite sign: sign = -1 in the description of the log"
-    if not sure:
-        what = "state it as zero (known)" if name == "motor_inertia" else "remove its term"
-        return f"zero is within three standard errors: {what} in the drives file, or move faster"
+        return "channel"
     if name != "motor_inertia":
-        return "move faster and slower: one speed does not separate the terms of friction"
+        return "friction" if is_sure else "zero"
+    if not is_sure:
+        return "zero-inertia"
     if "command_delay" in others:
-        text = "state the delay of the commands (command_delay_s, negative where positions are "
-        return f"{text}logged late), or {_WITH_ROTORS}"
-    if "stiffness" not in others:
-        text = 'state it as zero (motor_inertia_kg_m2 = 0.0, known = ["motor_inertia"]); or '
-        return text + _WITH_ROTORS
-    return "accelerate the motor more: its inertia is hardly in this torque"
+        return "delayed"
+    return "with-spring" if "stiffness" in others else "without-spring"
 
 
 _OF_VALUES = ("poorly-identified", "needless-term", "loose-encoder", "negative-parameter")
 """The codes of values alone; a weak spring is one by its equation."""
 
 
-def drive_findings(joint: str, estimate: Estimate, factor: QRFactor | None = None) -> list[Finding]:
+@looks_for(CODES["poorly-identified"])
+def drive_findings(joint: str, estimate: Estimate, factor: QRFactor | None) -> list[Finding]:
     """Return what the values of a drive show, with the QR factor of its motor equation (10)."""
     return [*_uncertain(joint, estimate, factor), *_negative(joint, estimate)]
 
@@ -283,7 +273,7 @@ def drive_findings(joint: str, estimate: Estimate, factor: QRFactor | None = Non
 def revalued(findings: Sequence[Finding], drives: Mapping[str, Estimate]) -> tuple[Finding, ...]:
     """Return findings with those of the values of some drives that were estimated anew."""
     kept = (x for x in findings if x.code not in _OF_VALUES or x.joint not in drives)
-    new = [x for joint, estimate in drives.items() for x in drive_findings(joint, estimate)]
+    new = [x for joint, estimate in drives.items() for x in drive_findings(joint, estimate, None)]
     return (*kept, *consequences(findings, new))
 
 
@@ -291,6 +281,7 @@ _ONE_SIDED = ("dead_zone", "deflection_zero")
 """Half width and centre of a dead zone: a spring that is loaded in one direction shows one end."""
 
 
+@looks_for(CODES["unidentifiable"])
 def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator[Finding]:
     """Yield the parameters of a drive that a search fixed at their values in the drive."""
     # without a dead zone, or next to a preload, a zero may be unidentifiable from any motion
@@ -305,6 +296,7 @@ def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator
         yield CODES["unidentifiable"].finding(case, joint, {**evidence, **words})
 
 
+@looks_for(CODES["drives-differ"])
 def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
     """Yield the shared parameters in which the drives of a group differ beyond chance."""
     for shared in parameters:
@@ -330,6 +322,7 @@ def sure_offsets(drives: Mapping[str, Estimate]) -> dict[str, Estimate]:
     return {joint: x for joint, x in offsets.items() if np.prod(x.interval(level)) > 0}
 
 
+@looks_for(CODES["torque-offset"])
 def offset_findings(drives: Mapping[str, Estimate], experiment: Experiment) -> Iterator[Finding]:
     """Yield the constant errors of motor torques that matter next to the torque on the spring.
 
@@ -426,6 +419,7 @@ def rigid_gear(joint: str, least: float) -> Finding:
     return CODES["gear-compliance"].note("rigid", joint, {"least stiffness": least})
 
 
+@looks_for(CODES["gear-compliance"])
 def gear_findings(
     robot: Robot, drives: Mapping[str, Estimate], gears: Collection[str], sources: Sequence[Sources]
 ) -> Iterator[Finding]:
@@ -451,6 +445,7 @@ def _is_by_deflection(channels: Collection[str]) -> bool:
     return "deflection" in channels and not {"motor_position", "joint_position"} <= {*channels}
 
 
+@looks_for(CODES["unused-channel"])
 def unused_findings(
     robot: Robot, drives: Mapping[str, Estimate], used: Sequence[str], motions: Sequence[Motion]
 ) -> Iterator[Finding]:
@@ -511,15 +506,3 @@ def calibration_findings(
         yield CODES["needless-term"].finding("cubic", "", {"p-value": p_value})
     if slope < 0:
         yield CODES["sign"].finding("readings")
-
-
-OF_NOISE = (Check(CODES["drift"], (), noise_findings),)
-"""What is looked for in the estimate of a fit."""
-
-OF_DRIVES = (Check(CODES["poorly-identified"], (), drive_findings),)
-OF_FIXED = (Check(CODES["unidentifiable"], (), fixed_findings),)
-OF_OFFSETS = (Check(CODES["torque-offset"], (), offset_findings),)
-OF_GROUPS = (Check(CODES["drives-differ"], (), shared_findings),)
-OF_GEARS = (Check(CODES["gear-compliance"], (), gear_findings),)
-OF_CHANNELS = (Check(CODES["unused-channel"], (), unused_findings),)
-"""What is looked for in the values of drives and of groups of them, and in what no equation has."""

@@ -462,12 +462,6 @@ def _bursts(
 
 # What a fit shows
 
-_OF_JOINT = "check signs, units and zeros of this joint"
-_OF_BASE = (
-    "check the signs, units, axes and links of the force sensors and of the IMU, and that nothing "
-    "else touches the robot"
-)
-
 
 def _percent(part: float) -> str:
     return f"{part:.0%}" if part * tol.POOR < 1 else f"over {1 / tol.POOR:.0%}"
@@ -486,23 +480,20 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
 
 def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     """Return the finding on a joint of which the model lacks all or much, by its `error`."""
-    fit, excluded, base = whole.joints[joint], (joint, *BASE_ROWS), ""
+    fit, excluded = whole.joints[joint], (joint, *BASE_ROWS)
     kept = [x for x, each in whole.joints.items() if x not in excluded and each.own < tol.NOTHING]
-    words = {"of": f"the torque on the load of {joint}", "force": "torque"}
-    if joint in BASE_ROWS:
-        words, base = {"of": f"the {joint}", "force": "force"}, _OF_BASE
-    words |= {"own": _percent(fit.own), "blocks": _percent(error)}
-    words["holds"] = ""
+    evidence = {"error": fit.own, "error of excluded blocks": fit.blocks, "error of blocks": error}
+    words = {"own": _percent(fit.own), "blocks": _percent(error), "kept": excluding_torque(kept)}
+    words |= {"of": f"the torque on the load of {joint}", "force": "torque", "holds": ""}
+    words["terms"] = ", or remove terms of this drive"
     if fit.motor < tol.MOST:
         words["holds"] = f"; its motor equation holds, with an error of {fit.motor:.1%}"
-    evidence = {"error": fit.own, "error of excluded blocks": fit.blocks, "error of blocks": error}
-    case, remedy = "much", base or None
-    if fit.own <= tol.MOST:
-        case = "own-logs"
-        remedy = "record a longer motion" + ("" if base else ", or remove terms of this drive")
-    elif error > tol.NOTHING:
-        case, remedy = "nothing", base or _OF_JOINT + excluding_torque(kept)
-    return CODES["no-fit"].finding(case, joint, {**evidence, **words}, remedy)
+    case = "nothing" if error > tol.NOTHING else "much"
+    case = "own-logs" if fit.own <= tol.MOST else case
+    if joint in BASE_ROWS:
+        words |= {"of": f"the {joint}", "force": "force", "terms": ""}
+        case = {"much": "much-force", "nothing": "nothing-force"}.get(case, case)
+    return CODES["no-fit"].finding(case, joint, {**evidence, **words})
 
 
 def _contacts(whole: RobotFit) -> Iterator[Finding]:

@@ -16,12 +16,12 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
 from seaid._progress import Result, counted
-from seaid.checks import CODES, JointCheck, gears
-from seaid.checks.channels import OF_STOPS, OF_STRENGTHS, without_torque
+from seaid.checks import CODES, JointCheck
+from seaid.checks.channels import stop_findings, strength_findings, without_torque
 from seaid.checks.codes import is_wrong, merged
 from seaid.checks.columns import Side
-from seaid.checks.commands import OF_DELAYS
-from seaid.checks.engine import guarded, observed
+from seaid.checks.commands import delay_estimate_findings
+from seaid.checks.engine import guarded
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
 from seaid.checks.model import delays_of, model_findings, selections
 from seaid.checks.setup import log_findings, setup_findings
@@ -37,8 +37,8 @@ from seaid.errors import (
     listed,
 )
 from seaid.estimation import FittedRows, estimator_named
-from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
-from seaid.identification.nonlinear_terms import linearised_robot
+from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
+from seaid.identification.nonlinear_terms import linearised_condition
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.identification.unseen_springs import joints_sensed_by_motor_only, with_regressed_angles
@@ -46,7 +46,7 @@ from seaid.log import Log, Motion, row_samples
 from seaid.log.rows import still_speed
 from seaid.regressor import motor_regressor
 from seaid.regressor.load import known_frictions, usable_rows
-from seaid.regressor.regression import actuator_rows, is_linear
+from seaid.regressor.regression import actuator_rows
 from seaid.robot import Robot
 
 
@@ -139,9 +139,9 @@ def joint_checks(
     with guarded(CODES["gear-ratio"], findings):
         moving, unknown = experiment.in_motion, (math.nan, math.nan)
         for j, joint in enumerate(names):
-            slope = gears.encoder_slope(experiment, j) if experiment.both[j] else math.nan
+            slope = experiment.encoder_slope(j)[0] if experiment.both[j] else math.nan
             misfits = float(moving.nominal[j]), float(moving.free[j]), float(moving.of_motors[j])
-            ratio, delay = experiment.encoder_ratios.get(j, unknown), delays.get(joint, unknown)
+            ratio, delay = experiment.encoder_ratio(j), delays.get(joint, unknown)
             checks[joint] = JointCheck(swings[j], slope, *misfits, *ratio, *delay)
     return FrozenMapping(checks, "joint")
 
@@ -161,10 +161,10 @@ def findings_of_setup(
     findings = setup_findings(trusted(known), known)
     if any((finding.code, finding.severity) == ("unit", "wrong") for finding in findings):
         return findings
-    far = observed(OF_STRENGTHS, trusted(known))
+    far = strength_findings(trusted(known))
     if far:
         return setup_findings(trusted([*known, *far]), [*known, *far])
-    stops = observed(OF_STOPS, trusted(known), logs)
+    stops = stop_findings(trusted(known), logs)
     beyond = setup_findings(trusted([*known, *stops]), [*known, *stops]) if stops else findings
     others = (finding for finding in beyond if finding not in known and finding not in stops)
     return findings if any(finding.severity != "note" for finding in others) else beyond
@@ -180,13 +180,10 @@ def _of_quick_fit(
     """Return what weighted least squares show of logs and commands, and the delays of torques."""
     with suppress(SeaidError):
         used = joints_with_torque(robot, motions)
-        datasets: list[Dataset] = [*motions]
-        if not is_linear(robot, used):
-            robot, datasets = linearised_robot(robot, datasets, used)
-        condition = Condition(robot, datasets, used)
+        condition = linearised_condition(Condition(robot, motions, used))
         fit = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
         selected = selections(checked_sides(condition, fit, logs))
-        of_commands = observed(OF_DELAYS, robot, robot, fit.load_side)
+        of_commands = delay_estimate_findings(robot, robot, fit.load_side)
         shown = [x for x in model_findings(selected, known) if x.severity != "note"]
         return [*(x for x in shown if x.code in _OF_LOGS), *of_commands], delays_of(selected)
     return [], {}

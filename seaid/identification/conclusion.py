@@ -17,21 +17,21 @@ from seaid._arrays import FrozenMapping
 from seaid.checks import CODES
 from seaid.checks.channels import excluded_findings, standstill_findings
 from seaid.checks.codes import consequences, is_wrong
-from seaid.checks.columns import OF_SCALES
-from seaid.checks.commands import OF_DELAYS
-from seaid.checks.engine import guarded, observed
+from seaid.checks.columns import unknown_scales
+from seaid.checks.commands import delay_estimate_findings
+from seaid.checks.engine import guarded
 from seaid.checks.experiment import experiment_of
 from seaid.checks.model import delays_of, model_findings, without_echoes, without_setup_echoes
 from seaid.checks.values import (
-    OF_CHANNELS,
-    OF_DRIVES,
-    OF_FIXED,
-    OF_GEARS,
-    OF_GROUPS,
-    OF_NOISE,
-    OF_OFFSETS,
+    drive_findings,
+    fixed_findings,
+    gear_findings,
+    noise_findings,
+    offset_findings,
     rigid_gear,
     scale_of_bodies,
+    shared_findings,
+    unused_findings,
 )
 from seaid.checks.verdict import RobotFit, fit_findings, robot_fit
 from seaid.drives import ParameterName
@@ -68,7 +68,7 @@ def conclude(problem: Problem, name: str) -> Identification:
     findings = _setup_findings(problem, name)
     factors = None if is_only else motor_factors(problem.fits, name)
     values = value_findings(estimate, case.nominal, case.robot, factors)
-    values += observed(OF_OFFSETS, final.drives, case.experiment)
+    values += offset_findings(final.drives, case.experiment)
     weak = {finding.joint for finding in values if finding.code == "weak-spring"}
     # A term that the equations lack changes the values: what it explains is no finding of them.
     lacking = problem.lacking
@@ -83,7 +83,7 @@ def conclude(problem: Problem, name: str) -> Identification:
     result = _identification(problem, name)
     # Errors of the model differ at the drives of a bus, and with them delays.
     of_type = (x for x in final.shared if x.name.quantity != DELAY_PARAMETER)
-    values += observed(OF_GROUPS, of_type)
+    values += shared_findings(of_type)
     values += [*final.findings, *result.findings]
     # The fit is judged without the findings of the values, which are no causes of it.
     fit = replace(_two_step_fit(problem, name, lacking), weak=weak)
@@ -107,8 +107,8 @@ def _with_free_scales(problem: Problem, name: str, result: Identification) -> Id
     """Return a result whose gains in units of the drive have unknown scales again, as given."""
     case, findings = problem.cases[name], [*result.findings]
     robot, nominal = result.robot, problem.nominals.get(name, case.nominal)
-    findings += observed(OF_DELAYS, case.logs.experiment.robot, nominal, result.load_side)
-    findings += observed(OF_SCALES, robot, problem.unscaled)
+    findings += delay_estimate_findings(case.logs.experiment.robot, nominal, result.load_side)
+    findings += unknown_scales(robot, problem.unscaled)
     scaled = with_free_scale(robot, problem.unscaled)
     return replace(result, robot=scaled, nominal=nominal, findings=tuple(findings))
 
@@ -233,11 +233,11 @@ def value_findings(
     for joint, estimate in sides.drives.items():
         drive, before = robot.drives[joint], nominal.drives[joint].known
         fixed = [x for x in drive.known if x not in before]
-        findings += observed(OF_FIXED, joint, drive, fixed)
+        findings += fixed_findings(joint, drive, fixed)
         if joint in sides.actuators:
-            findings += observed(OF_NOISE, sides.actuators[joint].estimate)
-        findings += observed(OF_DRIVES, joint, estimate, (qr_factors or fits).get(joint))
-    return [*findings, *observed(OF_NOISE, sides.load)]
+            findings += noise_findings(sides.actuators[joint].estimate)
+        findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
+    return [*findings, *noise_findings(sides.load)]
 
 
 def with_value_findings(result: Identification, values: Iterable[Finding]) -> Identification:
@@ -246,12 +246,12 @@ def with_value_findings(result: Identification, values: Iterable[Finding]) -> Id
     drives, findings = result.drives, [*values]
     for gear in result.gears.values():
         if "gear_stiffness" in gear.names:  # else the gear is rigid within the errors
-            findings += observed(OF_NOISE, gear)
+            findings += noise_findings(gear)
     findings += () if result.feasible is None else result.feasible.warnings
     findings += excluded_findings(result.processing)
     joints, motions = result.model.torque_joints, result.motions
-    findings += observed(OF_CHANNELS, result.known, drives, joints, motions)
-    findings += observed(OF_GEARS, result.known, result.drive_side, result.gears, described)
+    findings += unused_findings(result.known, drives, joints, motions)
+    findings += gear_findings(result.known, result.drive_side, result.gears, described)
     return result.with_findings(findings)
 
 

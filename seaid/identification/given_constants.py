@@ -13,7 +13,6 @@ A scale error of the torques changes all parameters together: their covariance s
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -28,7 +27,6 @@ from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import IdentificationError, check_name
 from seaid.estimation import Estimate
 from seaid.estimation.estimate import independent_errors
-from seaid.estimation.fitting import Rows
 from seaid.estimation.parameters import names_of_all
 from seaid.identification import two_step
 from seaid.identification.drive_estimates import without_torque
@@ -258,14 +256,15 @@ class GivenConstants:
         names = {key: names_of_all([key], [*self.conditions], own.__contains__) for key in stds}
         return independent_errors({str(name): stds[key] for key in names for name in names[key]})
 
-    @contextmanager
-    def rows(self, estimates: Mapping[str, RobotEstimate]) -> Iterator[Mapping[str, Rows]]:
-        """Yield the rows of the equations of estimates, whose last columns propagate the errors."""
-        sides, first = next(iter(estimates.values())), next(iter(self.conditions.values()))
+    def known_errors(self, estimates: Mapping[str, RobotEstimate]) -> KnownErrors:
+        """Return the errors with the slopes of estimates."""
+        sides, errors, load = next(iter(estimates.values())), self.errors, None
+        fits, first = sides.fits, next(iter(self.conditions.values()))
         equations = {
             name: _equations(name, x, estimates[name], self.constants[name])
             for name, x in self.conditions.items()
         }
+        # the last columns of the rows propagate the errors
         with two_step.rows_of_conditions(
             self.conditions,
             self.specific,
@@ -273,13 +272,7 @@ class GivenConstants:
             two_step.propagated_names(first.robot, [*sides.springs]),
             sides.fit.rows is None,
             error_names=[constant.key for constant in self.common],
-        ) as of_conditions:
-            yield of_conditions.rows
-
-    def known_errors(self, estimates: Mapping[str, RobotEstimate]) -> KnownErrors:
-        """Return the errors with the slopes of estimates."""
-        fits, errors, load = next(iter(estimates.values())).fits, self.errors, None
-        with self.rows(estimates) as rows:
+        ) as (rows, _):
             slopes = {key: fit.slopes(rows[equation]) for key, equation, fit in fits.equations}
             if fits.refit is not None and self.common[0].is_offset:
                 load = fits.refit(rows[LOAD], errors.covariance)

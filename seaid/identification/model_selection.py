@@ -51,7 +51,7 @@ from seaid.identification.nonlinear_terms import (
     with_gear_torques,
     with_torques,
 )
-from seaid.identification.two_step import joints_with_torque
+from seaid.identification.two_step import Condition, joints_with_torque
 from seaid.log import Motion
 from seaid.regressor import actuator_regression
 from seaid.regressor.regression import stacked
@@ -187,7 +187,7 @@ def compare_terms(
     used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     comparisons: list[TermComparison] = []
     finer: list[Motion] = []
-    model = _Model.of(robot, motions, used)
+    model = _model_of(robot, motions, used)
     if terms is None and duration_s(motions) >= LEAST_WARM_UP_S:
         plain = {**plain, "friction": (*plain["friction"], *WARM_UP)}
     asked = {joint: _with_temperature(robot, motions, joint, plain, terms) for joint in compared}
@@ -320,47 +320,41 @@ def _with_backlash(
     if not drive.is_elastic or has_law or not terms:
         return model
     if not finer:  # the same for every joint
-        groups = datasets_by_log(model.larger(joint, *terms[0]), sources_of(logs), None)
+        groups = datasets_by_log(model.larger(joint, *terms[0]).robot, sources_of(logs), None)
         finer += map(first_motion, chain(*groups))
     added: list[TermComparison] = []
     # The finer cutoff is for the corners of the zone alone: other terms stay at that of the motion.
-    again = _Model.of(model.robot, finer, model.used)
+    again = _model_of(model.robot, finer, model.used)
     again = _extended(again, joint, fields, count + len(terms), added)
     comparisons += [replace(term, cutoff_hz=finer[0].cutoff_hz) for term in added]
-    return _Model(again.robot, model.motions, model.used)
+    return replace(model, robot=again.robot)
 
 
-@dataclass(frozen=True, eq=False)
-class _Model:
+def _model_of(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> _Model:
+    """Return the model of a robot, whose nonlinear parameters are searched."""
+    model = with_gear_torques(_Model(robot, motions, used))
+    return model.with_drives({joint: _fixed(x) for joint, x in model.robot.drives.items()})
+
+
+class _Model(Condition):
     """The model of the robot at a step of the selection, linear: nonlinear parameters are known.
 
-    `motions` have the torque through the gears if friction depends on it.
+    Its datasets are motions, with the torque through the gears if friction depends on it.
     """
-
-    robot: Robot
-    motions: Sequence[Motion]
-    used: tuple[str, ...]
-
-    @classmethod
-    def of(cls, robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> _Model:
-        """Return the model of a robot, whose nonlinear parameters are searched."""
-        robot, motions = with_gear_torques(linearised(robot, motions), motions, used)
-        fixed = {joint: _fixed(robot.drives[joint]) for joint in robot.joint_names}
-        return cls(robot.with_drives(fixed), motions, tuple(used))
 
     @cached_property
     def load(self) -> FittedRows:
         """The fit of the load side (8)."""
-        return fit(starting_load_fit(self.robot, self.motions, self.used).rows, _WLS)
+        return fit(starting_load_fit(self).rows, _WLS)
 
-    def larger(self, joint: str, field: str, term: str) -> Robot:
-        """Return the robot with one more term in the drive of a joint."""
-        return self.robot.with_drives({joint: with_term(self.robot.drives[joint], field, term)})
+    def larger(self, joint: str, field: str, term: str) -> _Model:
+        """Return the model with one more term in the drive of a joint."""
+        return self.with_drives({joint: with_term(self.robot.drives[joint], field, term)})
 
     @cached_property
     def _loaded(self) -> Sequence[Motion]:
         """The motions with the torque through the gears of the fit, for load-dependent friction."""
-        return with_torques(self.robot, self.motions, self.used)
+        return with_torques(self)
 
     def side(self, joint: str, at_motor: bool) -> Side | None:
         """Return the side with the equation of a joint: (7) `at_motor` of a spring, else (8).
@@ -372,7 +366,8 @@ class _Model:
             rows = stacked([actuator_regression(robot, x, joint) for x in self.motions])
             return Side(robot, self.motions, fit(rows, _WLS), (joint,), True, {})
         motions = self._loaded if at_motor else self.motions
-        return Side(robot, motions, self.load, self.used, False, {}) if joint in self.used else None
+        used = tuple(self.used)
+        return Side(robot, motions, self.load, used, False, {}) if joint in used else None
 
     def with_term(self, term: TermComparison) -> _Model:
         """Return the model with a selected term, near the best values of its comparison."""
@@ -380,21 +375,20 @@ class _Model:
         if term.term == "coulomb_position":
             middle = reference_position(self.motions, self.robot.index(term.joint))
             drive = replace(drive, reference_position_rad=middle)
-        robot = self.robot.with_drives({term.joint: drive.with_values(term.values)})
         joints = (term.joint,) if drive.is_elastic and term.field in AT_THE_MOTOR else ()
-        robot = linearised(robot, self.motions, joints)
-        searched = robot.drives[term.joint]
+        near = self.with_drives({term.joint: drive.with_values(term.values)})
+        model = linearised(near, joints)
+        searched = model.robot.drives[term.joint]
         missing = {*searched.parameter_names} - {*searched.values}
         if term.field == "spring" and "stiffness" in missing:
             raise IdentificationError(
                 f"joint '{term.joint}': with '{term.term}' its stiffness is not positive"
             )
         if term.term in WARM_UP and not drive.is_elastic:  # the steps of its grid are wide
-            robot = linearised_load(robot, self.motions, self.used)
-        fixed = robot.with_drives({term.joint: _fixed(robot.drives[term.joint])})
+            model = linearised_load(model)
+        model = model.with_drives({term.joint: _fixed(model.robot.drives[term.joint])})
         needs_torque = term.term == "load" and not drive.is_elastic
-        motions = self._loaded if needs_torque else self.motions
-        return _Model(fixed, motions, self.used)
+        return replace(model, datasets=self._loaded) if needs_torque else model
 
 
 def _fixed(drive: Drive) -> Drive:
@@ -412,7 +406,7 @@ def _fixed(drive: Drive) -> Drive:
 def _unseen(model: _Model, joint: str, field: str, term: str) -> str:
     """Return why no log shows a term with a memory, "" if one does."""
     try:
-        check_reversals(model.larger(joint, field, term), model.motions, [joint])
+        check_reversals(model.larger(joint, field, term), [joint])
     except IdentificationError as problem:
         return str(problem)
     return ""
@@ -485,7 +479,7 @@ def _with_searched_zone(
         return term
     larger = model.larger(term.joint, term.field, term.term)
     try:
-        values = linearised(larger, model.motions, (term.joint,)).drives[term.joint].values
+        values = linearised(larger, (term.joint,)).robot.drives[term.joint].values
     except IdentificationError:
         return term
     grid = {name: (values[name],) for name in ("dead_zone", "deflection_zero") if name in values}

@@ -13,15 +13,15 @@ fit without that friction first and then with it, until it converges.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, FrozenMapping
+from seaid._arrays import Array, BoolArray
 from seaid._files import toml_table
 from seaid.checks.terms import (
     DriveRows,
@@ -41,14 +41,15 @@ from seaid.estimation import Estimate
 from seaid.estimation.least_squares import equal_weights, ordinary
 from seaid.estimation.nonlinear_least_squares import error_growth, separable_least_squares
 from seaid.estimation.qr_factor import RANK_TOLERANCE, QRFactor, qr_factor_of, scaled_svd
-from seaid.identification.datasets import Dataset, first_motion, rows_in_memory
+from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import with_values
 from seaid.identification.stacked_fits import LOAD, spring_of, with_spring_torque
-from seaid.identification.two_step import Condition, spring_torque_joints, two_step_equations
+from seaid.identification.two_step import Condition, two_step_equations
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, motor_regressor, regression
-from seaid.regressor.load import LoadModel, load_model_of, load_side, with_gear_torque
-from seaid.robot import Robot
+from seaid.regressor.load import load_side, with_gear_torque
+
+Conditioned = TypeVar("Conditioned", bound=Condition)
 
 _SINGULAR = 1e-6
 """Singular value below which a nonlinear parameter is fixed: its column is a derivative, whose
@@ -91,15 +92,18 @@ def searched_drives(drives: Mapping[str, Estimate], condition: Condition) -> dic
     """
     robot, allowed = condition.robot, dict(drives)
     searched = {name for name, x in PARAMETERS.items() if x.is_positive and x.starts}
-    for joint in {*drives} & {*robot.elastic_joints, *condition.used}:
-        if not _equation(robot, condition.motions, joint).non_linear:
-            continue
+    joints = [
+        joint
+        for joint in drives.keys() & {*robot.elastic_joints, *condition.used}
+        if _equation(condition, joint).non_linear
+    ]
+    for joint, search in _searches(condition, joints):
         nearby, estimate = robot.drives[joint].values, drives[joint]
         values = [
             nearby[name] if name in searched and value < 0 else value
             for name, value in estimate.by_name.items()
         ]
-        growth = _search(robot, condition.motions, joint, condition.used).error_growth()
+        growth = search.error_growth()
         larger = np.array([growth.get(name, 1.0) for name in estimate.names])
         covariance = estimate.covariance * np.outer(larger, larger)
         allowed[joint] = replace(estimate, values=np.array(values), covariance=covariance)
@@ -111,17 +115,6 @@ _LEAST, _MOST = 1e-4, 2.0
 
 _ORDER = 5
 """Highest order of a spring."""
-
-
-def linearised(
-    robot: Robot, motions: Sequence[Motion], joints: Sequence[str] | None = None
-) -> Robot:
-    """Return the robot with the values at which its elastic drives are linearised.
-
-    `joints` are those that are searched; None: all elastic ones. Linear drives stay as they are.
-    Raises IdentificationError if a linear spring has no stiffness to start from.
-    """
-    return _linearised(robot, motions, robot.elastic_joints if joints is None else joints, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,8 +237,9 @@ class _Search:
         return np.asarray(columns - self.others @ (self.others.T @ columns))
 
 
-def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[str, float]:
+def _linear_start(condition: Condition, joint: str) -> dict[str, float]:
     """Return friction, stiffness and zero of the deflection of a drive with linear terms only."""
+    robot, motions = condition.robot, condition.motions
     drive = robot.drives[joint]
     sharp = ("coulomb" if term in COULOMB else term for term in drive.friction)
     friction = tuple(term for term in sharp if term not in ("load", *LEVEL_OF))
@@ -298,8 +292,9 @@ _LEAST_RETURN = 0.01
 keeps one value, which is an offset."""
 
 
-def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[str]) -> None:
+def check_reversals(condition: Condition, joints: Sequence[str]) -> None:
     """Raise IdentificationError for hysteresis in a position that never returns."""
+    robot, motions = condition.robot, condition.motions
     for joint in joints:
         drive, index = robot.drives[joint], robot.index(joint)
         for field, what, unit in (
@@ -331,15 +326,15 @@ def _fall_and_rise(x: Array) -> tuple[float, float]:
     return float(np.max(fall)), float(np.max(rise))
 
 
-def _check_warm_up(robot: Robot, motions: Sequence[Motion], joints: Sequence[str]) -> None:
+def _check_warm_up(condition: Condition, joints: Sequence[str]) -> None:
     """Raise IdentificationError for friction that fades over more than the longest log.
 
     A straight line in time then fits as well as an exponential, and what a warm motor keeps is not
     in the log.
     """
-    longest = duration_s(motions)
+    longest = duration_s(condition.motions)
     for joint in joints:
-        drive = robot.drives[joint]
+        drive = condition.robot.drives[joint]
         found_s = drive.values.get("warm_up_time", 0.0) if {*WARM_UP} & {*drive.friction} else 0.0
         if found_s > longest and "warm_up_time" not in drive.known:
             terms = ", ".join(term for term in drive.friction if term in WARM_UP)
@@ -361,59 +356,56 @@ _FEW = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class LoadFit:
-    """A fit of the load side: its columns, the springs' values, its `values` (p,) and its rows."""
+    """A fit of the load side: the values of the springs, its `values` (p,) and its rows."""
 
-    model: LoadModel
     springs: Mapping[str, Array]
     values: Array
     rows: Regression
     qr_factor: QRFactor
 
 
-def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Robot:
-    """Return the robot with the values at which its stiff drives are linearised.
+def linearised_load(condition: Conditioned) -> Conditioned:
+    """Return the condition whose stiff drives are linearised."""
+    stiff = [joint for joint in condition.used if joint not in condition.robot.elastic_joints]
+    return linearised(condition, stiff)
 
-    Raises IdentificationError for a hysteresis without reversals.
+
+def linearised(condition: Conditioned, joints: Sequence[str]) -> Conditioned:
+    """Return the condition of the robot with values at which drives of some joints are linearised.
+
+    All of them are elastic, or all of them are stiff and have a torque that is used. Linear drives
+    stay as they are. Raises IdentificationError if a linear spring has no stiffness to start from,
+    and for a hysteresis without reversals.
     """
-    stiff = [joint for joint in used if joint not in robot.elastic_joints]
-    return _linearised(robot, motions, stiff, used)
-
-
-def _linearised(
-    robot: Robot, motions: Sequence[Motion], joints: Sequence[str], used: Sequence[str]
-) -> Robot:
-    """Return the robot with the values at which the drives of some joints are linearised.
-
-    All of them are elastic, or all of them are stiff.
-    """
-    check_reversals(robot, motions, joints)
-    nonlinear = [joint for joint in joints if _equation(robot, motions, joint).non_linear]
-    starts, scales, nominal = dict[str, Mapping[str, float]](), dict[str, Scale](), robot.drives
+    check_reversals(condition, joints)
+    nonlinear = [joint for joint in joints if _equation(condition, joint).non_linear]
+    starts, scales = dict[str, Mapping[str, float]](), dict[str, Scale]()
+    nominal, elastic = condition.robot.drives, {*condition.robot.elastic_joints}
     for joint in nonlinear:
-        starts[joint] = _linear_start(robot, motions, joint) if nominal[joint].is_elastic else {}
-        scales[joint] = scale_of(robot, motions, joint)
-        robot = _started(robot, joint, scales[joint], starts[joint])
+        starts[joint] = _linear_start(condition, joint) if joint in elastic else {}
+        scales[joint] = scale_of(condition.robot, condition.motions, joint)
+        condition = _started(condition, joint, scales[joint], starts[joint])
     # Sides of elastic drives share no parameters, and one joint needs no second sweep, since the
     # parameters of the others are linear and at their best values for each of its trials.
-    sweeps = min(len(nonlinear), _SWEEPS) if used else 1
+    sweeps = 1 if {*nonlinear} <= elastic else min(len(nonlinear), _SWEEPS)
     for turn, joint in enumerate(sweeps * nonlinear):
-        search, drive = _search(robot, motions, joint, used), robot.drives[joint]
+        ((_, search),), drive = _searches(condition, [joint]), condition.robot.drives[joint]
         names, of_joint = search.regressor.non_linear, (starts[joint], scales[joint])
         points = [np.array([drive.values[name] for name in names])]
         if turn < len(nonlinear):
             points = _grid(names, nominal[joint], *of_joint)
-        robot = robot.with_drives({joint: search.best(drive, points, scales[joint])})
-    for joint in nonlinear:
-        search = _search(robot, motions, joint, used)
-        robot = robot.with_drives({joint: search.with_fixed(robot.drives[joint])})
-    _check_warm_up(robot, motions, joints)
-    return robot
+        condition = condition.with_drives({joint: search.best(drive, points, scales[joint])})
+    drives, searches = condition.robot.drives, _searches(condition, nonlinear)
+    condition = condition.with_drives({x: search.with_fixed(drives[x]) for x, search in searches})
+    _check_warm_up(condition, joints)
+    return condition
 
 
-def _equation(robot: Robot, motions: Sequence[Motion], joint: str) -> DriveRegressor:
+def _equation(condition: Condition, joint: str) -> DriveRegressor:
     """Return the equation in which a drive is searched."""
+    robot = condition.robot
     if joint in robot.elastic_joints:
-        return regression.actuator_equation(robot, motions[0], joint)[0]
+        return regression.actuator_equation(robot, condition.motions[0], joint)[0]
     return motor_regressor(robot, joint)
 
 
@@ -426,22 +418,21 @@ def _grid(
     ]
 
 
-def starting_load_fit(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
+def starting_load_fit(condition: Condition) -> LoadFit:
     """Fit the load side by weighted least squares, the springs by ordinary ones before it.
 
     Between two steps of a search a nonlinear parameter may have no column, such as the width of
     Coulomb friction that is zero: unidentifiable combinations are zero here, and `identify` decides
     about them at the end of the search.
     """
-    model = load_model_of(robot, motions, used)
-    joints = spring_torque_joints(robot, motions, model)
-    rows = rows_in_memory(motions, two_step_equations(robot, model, joints))
+    robot, joints = condition.robot, condition.springs
+    rows = rows_in_memory(condition.motions, two_step_equations(robot, condition.model, joints))
     springs = {joint: spring_of(robot, ordinary(rows[joint]), joint) for joint in joints}
     load = with_spring_torque(list(springs.values()), rows[LOAD])
     qr_factor = qr_factor_of(load)
     theta = _least_norm(qr_factor, _weights(qr_factor))
     values = {joint: spring.values for joint, spring in springs.items()}
-    return LoadFit(model, values, theta, load, qr_factor)
+    return LoadFit(values, theta, load, qr_factor)
 
 
 def _least_norm(qr_factor: QRFactor, weights: Array) -> Array:
@@ -461,75 +452,79 @@ def _weights(qr_factor: QRFactor) -> Array:
 
 
 def _started(
-    robot: Robot, joint: str, scale: Scale, start: Mapping[str, float] = FrozenMapping({})
-) -> Robot:
-    """Return the robot with start values for the nonlinear parameters of a drive, and its levels.
+    condition: Conditioned, joint: str, scale: Scale, start: Mapping[str, float]
+) -> Conditioned:
+    """Return the condition with start values for nonlinear parameters of a drive, and its levels.
 
     `start` are values of the drive with linear terms only.
     """
-    drive = robot.drives[joint]
+    drive = condition.robot.drives[joint]
     values: dict[str, float] = {
         # A level of zero would make the columns of the other parameters of its term zero.
         name: 1.0 if name in LEVEL_OF.values() else starts_of(name, drive, start, scale)[0]
-        for name in motor_regressor(robot, joint).names
+        for name in motor_regressor(condition.robot, joint).names
         if name in PARAMETERS and name not in (*drive.values, "motor_inertia")
     }
     # A regression may find positive parameters below zero.
     signed = {x: abs(y) if PARAMETERS[x].is_positive else y for x, y in values.items()}
-    return robot.with_drives({joint: drive.with_values(signed)})
+    return condition.with_drives({joint: drive.with_values(signed)})
 
 
-def _search(robot: Robot, motions: Sequence[Motion], joint: str, used: Sequence[str]) -> _Search:
-    """Return the search on the side of a drive; its other columns are projected out."""
-    if joint in robot.elastic_joints:
-        rows = regression.stacked([actuator_regression(robot, x, joint) for x in motions])
-        at_rows = actuator_drive(robot, motions, joint, rows, np.empty(0))
-        return _Search(at_rows, np.ones(len(rows.y)))
-    fit = starting_load_fit(robot, motions, used)
-    parts = [load_side(robot).parts(motion, fit.rows.joint) for motion in motions]
-    drive = load_drive(robot, motions, joint, fit.rows, fit.values, parts)
-    # (E,) per equation -> (R,) per row; `equations` are sorted.
-    places = np.searchsorted(fit.qr_factor.equations, fit.rows.joint)
-    return _Search(drive, _weights(fit.qr_factor)[places])
+def _searches(condition: Condition, joints: Iterable[str]) -> Iterator[tuple[str, _Search]]:
+    """Yield joints with searches on the sides of their drives; other columns are projected out."""
+    load = cache(lambda: starting_load_fit(condition))  # one for all stiff drives
+    robot, motions = condition.robot, condition.motions
+    for joint in joints:
+        if joint in robot.elastic_joints:
+            rows = regression.stacked([actuator_regression(robot, x, joint) for x in motions])
+            at_rows = actuator_drive(robot, motions, joint, rows, np.empty(0))
+            yield joint, _Search(at_rows, np.ones(len(rows.y)))
+            continue
+        fit = load()
+        parts = [load_side(robot).parts(motion, fit.rows.joint) for motion in motions]
+        drive = load_drive(robot, motions, joint, fit.rows, fit.values, parts)
+        # (E,) per equation -> (R,) per row; `equations` are sorted.
+        places = np.searchsorted(fit.qr_factor.equations, fit.rows.joint)
+        yield joint, _Search(drive, _weights(fit.qr_factor)[places])
 
 
 _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
 
 
-def with_gear_torques(
-    robot: Robot, motions: Sequence[Motion], used: Sequence[str]
-) -> tuple[Robot, list[Motion]]:
-    """Return the robot with linearised stiff drives, and motions with their gear torques."""
-    if not regression.under_load(robot, used):
-        return linearised_load(robot, motions, used), list(motions)
+def with_gear_torques(condition: Conditioned) -> Conditioned:
+    """Return the condition with linearised drives, and the torques through its gears."""
+    condition = linearised(condition, condition.robot.elastic_joints)
+    robot, motions = condition.robot, condition.motions
+    if not regression.under_load(robot, condition.used):
+        return linearised_load(condition)
     # Without a torque through the gears there is no load-dependent friction, whose column is zero.
     known = [replace(x, gear_torque=np.zeros_like(x.joint_position)) for x in motions]
-    linear = linearised_load(robot, known, used)
+    linear = linearised_load(replace(condition, datasets=known))
     for _ in range(_SEARCHES):
-        known = _settled(linear, known, used)
-        near = {x: drive.with_values(linear.drives[x].values) for x, drive in robot.drives.items()}
-        linear = linearised_load(robot.with_drives(near), known, used)
-    return linear, _settled(linear, known, used)
+        linear = _settled(linear)
+        near = {x: y.with_values(linear.robot.drives[x].values) for x, y in robot.drives.items()}
+        linear = linearised_load(replace(linear, robot=robot.with_drives(near)))
+    return _settled(linear)
 
 
-def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
-    """Return the motions at which the torques through the gears converge."""
-    known = list(motions)
+def _settled(condition: Conditioned) -> Conditioned:
+    """Return the condition with the motions at which the torques through the gears converge."""
     for _ in range(_MOST_TURNS):
-        before, known = known, with_torques(robot, known, used)
-        if _change(before, known) < _SETTLED:
-            return known
+        before, condition = condition.motions, replace(condition, datasets=with_torques(condition))
+        if _change(before, condition.motions) < _SETTLED:
+            return condition
+    joints = regression.under_load(condition.robot, condition.used)
     raise IdentificationError(
-        f"load-dependent friction of {', '.join(regression.under_load(robot, used))} did not "
-        f"converge in {_MOST_TURNS} iterations: remove 'load' from friction, or move these joints "
-        "more"
+        f"load-dependent friction of {', '.join(joints)} did not converge in {_MOST_TURNS} "
+        "iterations: remove 'load' from friction, or move these joints more"
     )
 
 
-def with_torques(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
+def with_torques(condition: Condition) -> list[Motion]:
     """Return the motions with the torques through the gears by a fit of the load side."""
-    fit = starting_load_fit(robot, motions, used)
-    return [with_gear_torque(robot, x, fit.model, fit.springs, fit.values) for x in motions]
+    fit = starting_load_fit(condition)
+    of_fit = condition.model, fit.springs, fit.values
+    return [with_gear_torque(condition.robot, x, *of_fit) for x in condition.motions]
 
 
 def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
@@ -541,9 +536,10 @@ def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
     return float(np.linalg.norm(new - old) / max(float(np.linalg.norm(new)), 1e-300))
 
 
-def _check_whole(robot: Robot, datasets: Sequence[Dataset], used: Sequence[str]) -> None:
+def _check_whole(condition: Condition) -> None:
     """Raise IdentificationError for what is searched in a whole log, if one is read in pieces."""
-    if all(isinstance(dataset, Motion) for dataset in datasets):
+    robot = condition.robot
+    if all(isinstance(dataset, Motion) for dataset in condition.datasets):
         return
     for joint, drive in robot.drives.items():
         if {*WARM_UP} & {*drive.friction} and "warm_up_time" not in drive.known:
@@ -552,23 +548,24 @@ def _check_whole(robot: Robot, datasets: Sequence[Dataset], used: Sequence[str])
                 "one is read in pieces: read it with read_log, or give warm_up_time_s and "
                 'known = ["warm_up_time"] in the drives file'
             )
-    if regression.under_load(robot, used):
+    if regression.under_load(robot, condition.used):
         raise IdentificationError(
             "load-dependent friction of a stiff drive needs the log in memory: read it with "
             "read_log"
         )
 
 
-def linearised_robot(
-    robot: Robot, datasets: Sequence[Dataset], used: Sequence[str]
-) -> tuple[Robot, list[Dataset]]:
-    """Return the robot with values at which its nonlinear drives are linearised, and its datasets.
+def linearised_condition(condition: Conditioned) -> Conditioned:
+    """Return the condition of the robot with values at which its nonlinear drives are linearised.
 
-    The datasets have the torque through the gears if friction depends on it. Of logs that are read
+    Its datasets have the torque through the gears if friction depends on it. Of logs that are read
     in pieces the first piece is searched. Raises IdentificationError for load-dependent friction of
     a stiff drive in such a log, and for an unknown warm-up time.
     """
-    _check_whole(robot, datasets, used)
-    motions = [first_motion(dataset) for dataset in datasets]
-    robot, known = with_gear_torques(linearised(robot, motions), motions, used)
-    return robot, [*known] if regression.under_load(robot, used) else list(datasets)
+    if regression.is_linear(condition.robot, condition.used):
+        return condition
+    _check_whole(condition)
+    linear = with_gear_torques(replace(condition, datasets=condition.motions))
+    if regression.under_load(condition.robot, condition.used):
+        return linear
+    return replace(linear, datasets=condition.datasets)

@@ -44,7 +44,7 @@ from seaid.identification.given_constants import (
 )
 from seaid.identification.instrumental import BY_INSTRUMENTS
 from seaid.identification.model_selection import MOST_ROUNDS, with_default_terms
-from seaid.identification.nonlinear_terms import linearised_robot
+from seaid.identification.nonlinear_terms import linearised_condition
 from seaid.identification.simultaneous import AT_ONCE, estimate_supported
 from seaid.identification.stacked_fits import RobotEstimate, SensorErrors
 from seaid.identification.two_step import (
@@ -63,7 +63,6 @@ from seaid.log import Log, Motion
 from seaid.log.commands import with_commanded_torque
 from seaid.log.usable_parts import stretches
 from seaid.regressor.load import check_offset_std
-from seaid.regressor.regression import is_linear
 from seaid.robot import Robot
 
 Method = Literal["auto", "two-step", "simultaneous"]
@@ -407,16 +406,11 @@ def _linearised(cases: Mapping[str, Case]) -> dict[str, Case]:
     """Return cases with drives linearised near the values of the first condition."""
     straight, start = dict[str, Case](), None
     for name, case in cases.items():
-        robot = case.robot
-        if is_linear(robot, case.used):
-            straight[name] = case
-            continue
-        if start is not None and robot.drives == start.nominal.drives:
+        if start is not None and case.robot.drives == start.nominal.drives:
             # A value is the only start of a search (`starts_of`): with those of the first condition
             # all searches end in the same local optimum.
-            robot = robot.with_drives(start.robot.drives)
-        robot, datasets = linearised_robot(robot, case.datasets, case.used)
-        straight[name] = replace(case, robot=robot, datasets=datasets)
+            case = case.with_drives(start.robot.drives)
+        straight[name] = linearised_condition(case)
         start = start or straight[name]
     return straight
 

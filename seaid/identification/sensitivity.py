@@ -16,7 +16,6 @@ from itertools import compress
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks import CODES
 from seaid.checks.tolerances import SIGNIFICANT, TWICE
 from seaid.checks.values import disagreement, homogeneous
 from seaid.errors import ExcitationError, Finding, IdentificationError
@@ -176,8 +175,7 @@ def _cutoff_findings(
         remedy = f"{better}, and compare the values"
         values = dict(zip(ways, (narrow.values, wide.values), strict=True))
         owner = "" if joint == LOAD else joint
-        code = CODES["cutoff-sensitive"]
-        yield from disagreement(code, owner, narrow.rows, values, scores, remedy)
+        yield from disagreement(owner, narrow.rows, values, scores, remedy)
 
 
 def _constraint_of(fit: FittedRows, names: Sequence[str]) -> tuple[Array, Array] | None:

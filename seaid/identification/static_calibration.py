@@ -102,10 +102,6 @@ class StaticCalibration(Result):
         value = f"{estimate.names[0]} {estimate.values[0]:.4g} {estimate.units[0]}"
         return f"{value}, rms {estimate.residual_std:.3g} {self.statics.load_unit}"
 
-    def load_at(self, reading: Array) -> Array:
-        """Return the load (P,) of the law at readings, without friction."""
-        return _load_at(self.estimate, np.asarray(reading))
-
 
 @checked(IdentificationError)
 def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibration:

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import ParameterName
+from seaid.drives import Drive, ParameterName
 from seaid.drives.drives import groups_of
 from seaid.drives.terms import places_of
 from seaid.errors import IdentificationError, listed
@@ -71,6 +71,29 @@ class Condition:
     datasets: Sequence[Dataset]
     used: Sequence[str]
 
+    def with_drives(self, drives: Mapping[str, Drive]) -> Self:
+        """Return the condition with other drives at some joints."""
+        return replace(self, robot=self.robot.with_drives(drives))
+
+    def measures(self, joint: str, signal: str) -> bool:
+        """Whether all logs have a signal of a joint."""
+        index = self.robot.index(joint)
+        # The torque at a drive is that of all sensors of its coupled joints, C^-T tau.
+        is_torque = signal == "joint_torque"
+        used = group_of(self.robot.transmission, index) if is_torque else [index]
+        channels = [getattr(motion, signal) for motion in self.motions]
+        return all(x is not None and bool(np.all(np.isfinite(x[:, used]))) for x in channels)
+
+    def has_input(self, joint: str) -> bool:
+        """Whether all logs have the torque, current or voltage of a motor, or its command."""
+        return self.measures(joint, INPUT_FIELDS[self.robot.drives[joint].motor_input])
+
+    @property
+    def springs(self) -> tuple[str, ...]:
+        """The joints in use whose torque on the load is that of their spring."""
+        elastic = (joint for joint in self.used if joint in self.robot.elastic_joints)
+        return tuple(joint for joint in elastic if not self.measures(joint, "joint_torque"))
+
     @cached_property
     def model(self) -> LoadModel:
         """The columns of the load side."""
@@ -119,7 +142,7 @@ class TwoStepFits:
     """One fit per equation over all conditions.
 
     A parameter that is not shared has one column per condition, with the condition in its name.
-    `shares` {equation: {condition: its rows}} are those of `ConditionRows`, and `known_errors` the
+    `shares` {equation: {condition: its rows}} are those of `rows_of_conditions`, `known_errors` the
     errors of what was given as known, which all estimates have.
     """
 
@@ -185,26 +208,24 @@ def estimate_two_step(
     fitted.
     """
     first = next(iter(conditions.values()))
-    robot, motions = first.robot, [x for each in conditions.values() for x in each.motions]
-    joints = spring_torque_joints(robot, motions, first.model)
-    sensed = _joints_scaled_by_sensors(robot, motions) if equations is None else ()
+    datasets = [dataset for each in conditions.values() for dataset in each.datasets]
+    whole = Condition(first.robot, datasets, first.used)
+    joints = whole.springs
+    sensed = _joints_scaled_by_sensors(whole) if equations is None else ()
     sensed = tuple(x for x in sensed if not specific.has(ParameterName(STIFFNESS, x)))
-    by_condition = {
-        name: equations
-        or {**two_step_equations(x.robot, x.model, joints), **_spring_equations(x.robot, sensed)}
-        for name, x in conditions.items()
+    of_all = {
+        name: two_step_equations(x.robot, x.model, joints, sensed) for name, x in conditions.items()
     }
-    stored, propagated = estimator.weigh is not None, propagated_names(robot, joints)
+    by_condition = of_all if equations is None else dict.fromkeys(conditions, equations)
+    stored, propagated = estimator.weigh is not None, propagated_names(first.robot, joints)
     is_plain = equations is None
-    with rows_of_conditions(
-        conditions, specific, by_condition, propagated, stored, progress
-    ) as of_conditions:
-        rows = of_conditions.rows
-        motors = _fits_of_motors(robot, motions, estimator, joints, sensed, rows)
-        side = LoadSideFit(motors, estimator, motions[0].cutoff_hz, is_plain, sensor_errors)
+    chosen = conditions, specific, by_condition, propagated, stored, progress
+    with rows_of_conditions(*chosen) as (rows, shares):
+        motors = _fits_of_motors(whole, estimator, joints, sensed, rows)
+        side = LoadSideFit(motors, estimator, datasets[0].cutoff_hz, is_plain, sensor_errors)
         load = side.fit(rows[LOAD], np.zeros((0, 0)))
     fits = replace(motors, load=load, refit=side.fit if is_plain else None)
-    return TwoStepFits(conditions, fits, of_conditions.shares)
+    return TwoStepFits(conditions, fits, shares)
 
 
 def propagated_names(robot: Robot, springs: Sequence[str]) -> list[ParameterName]:
@@ -212,17 +233,6 @@ def propagated_names(robot: Robot, springs: Sequence[str]) -> list[ParameterName
     return [
         ParameterName(x, joint) for joint in springs for x in spring_regressor(robot, joint).names
     ]
-
-
-@dataclass(frozen=True, eq=False)
-class ConditionRows:
-    """The rows {equation: its rows} over all conditions, and who has which of them.
-
-    `shares` are {equation: {condition: its rows}}, none for one condition, which has all rows.
-    """
-
-    rows: Mapping[str, Rows]
-    shares: Mapping[str, Mapping[str, Share]] = field(default_factory=dict)
 
 
 @contextmanager
@@ -234,8 +244,11 @@ def rows_of_conditions(
     stored: bool,
     progress: bool = False,
     error_names: Sequence[ParameterName] = (),
-) -> Iterator[ConditionRows]:
-    """Yield the rows of the `equations` {condition: {equation: function for its rows}}.
+) -> Iterator[tuple[Mapping[str, Rows], Mapping[str, Mapping[str, Share]]]]:
+    """Yield the rows {equation: rows} over all conditions, and who has which of them.
+
+    `equations` are {condition: {equation: function for its rows}}, and the shares {equation:
+    {condition: its rows}}, none of a single condition, which has all.
 
     Those of one condition may be stored in files. `propagated` are the columns that the load side
     has besides its own. Every equation has columns of the errors of known constants, which are
@@ -244,7 +257,7 @@ def rows_of_conditions(
     if len(conditions) == 1:
         ((name, only),) = conditions.items()
         with rows_of_equations(only.datasets, equations[name], stored, progress) as rows:
-            yield ConditionRows(rows)
+            yield rows, {}
         return
     parts = {
         name: rows_in_memory(x.datasets, equations[name], progress)
@@ -262,7 +275,7 @@ def rows_of_conditions(
         is_specific = partial(_is_specific, specific, joint, error_names)
         joined[key] = joined_rows(rows_of_all, is_specific, propagated_of_all)
     shares = {key: shares_of(rows_of_all) for key, rows_of_all in by_equation.items()}
-    yield ConditionRows(joined, shares)
+    yield joined, shares
 
 
 def _is_specific(
@@ -278,8 +291,7 @@ def _is_specific(
 
 
 def _fits_of_motors(
-    robot: Robot,
-    motions: Sequence[Motion],
+    condition: Condition,
     estimator: Estimator,
     springs: tuple[str, ...],
     sensed: Sequence[str],
@@ -293,6 +305,7 @@ def _fits_of_motors(
     """
     motors, unscaled = dict[str, FittedRows](), dict[str, drive_estimates.UnknownScaleError]()
     constants, by_sensor = dict[str, ParameterName](), dict[str, FittedRows]()
+    robot, motions = condition.robot, condition.motions
     cutoff_hz = motions[0].cutoff_hz
     for joint in robot.elastic_joints:
         try:
@@ -333,16 +346,21 @@ def _checks(actuators: Mapping[str, FittedRows], condition: str) -> dict[str, Mo
 
 
 def two_step_equations(
-    robot: Robot, model: LoadModel, springs: Sequence[str]
+    robot: Robot, model: LoadModel, springs: Sequence[str], sensed: Sequence[str] = ()
 ) -> dict[str, Regress]:
-    """Return the functions for the rows: of each elastic joint, and of the load side (`LOAD`)."""
+    """Return the functions for the rows: of each elastic joint, and of the load side (`LOAD`).
+
+    Those of the springs of `sensed` joints are of (4b) too.
+    """
     # Springs of zero have no torque in y, but their columns T of (4b) are in `propagated`: after
     # the fits of the springs s, y + T s is (8) with their torque, and T C_s T^T its covariance.
     zero = drive_estimates.without_torque(robot, springs)
     equations: dict[str, Regress] = {
         joint: partial(actuator_regression, robot, joint=joint) for joint in robot.elastic_joints
     }
-    return equations | {LOAD: partial(load_regression, robot, model=model, springs=zero)}
+    equations[LOAD] = partial(load_regression, robot, model=model, springs=zero)
+    of_springs = {sensed_spring(x): partial(spring_regression, robot, joint=x) for x in sensed}
+    return equations | of_springs
 
 
 def _with_noisy_deflection(
@@ -359,15 +377,16 @@ def _with_noisy_deflection(
     return replace(fitted, estimate=instrumental(fitted.rows, instruments), change=change)
 
 
-def _joints_scaled_by_sensors(robot: Robot, motions: Sequence[Motion]) -> tuple[str, ...]:
+def _joints_scaled_by_sensors(condition: Condition) -> tuple[str, ...]:
     """Return the elastic joints with an unknown motor constant and a measured spring torque."""
+    robot = condition.robot
     return tuple(
         joint
         for joint in robot.elastic_joints
         if set(drive_estimates.CONSTANTS) & set(motor_regressor(robot, joint).names)
         and STIFFNESS in spring_regressor(robot, joint).names
-        and _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
-        and _all_measured(robot, motions, joint, "joint_torque")
+        and condition.has_input(joint)
+        and condition.measures(joint, "joint_torque")
     )
 
 
@@ -376,7 +395,7 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
 
     What holds them could have any torque, so that bodies give no scale.
     """
-    sensed = _joints_scaled_by_sensors(robot, [first_motion(dataset) for dataset in datasets])
+    sensed = _joints_scaled_by_sensors(Condition(robot, datasets, ()))
     for joint in (joint for joint in locked if joint not in sensed):
         names = set(motor_regressor(robot, joint).names)
         if names & set(drive_estimates.CONSTANTS) and {STIFFNESS, "motor_inertia"} <= names:
@@ -388,10 +407,6 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
                 f"(known = ['{STIFFNESS}']), its rotor inertia, or the constant itself "
                 f"(known = ['{name}'])"
             )
-
-
-def _spring_equations(robot: Robot, joints: Sequence[str]) -> dict[str, Regress]:
-    return {sensed_spring(x): partial(spring_regression, robot, joint=x) for x in joints}
 
 
 @dataclass(frozen=True, eq=False)
@@ -461,13 +476,13 @@ def fit_inputs(
 
 def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
     """Return the joints whose torque is measured, by a sensor or by a spring."""
-    motions = [first_motion(dataset) for dataset in datasets]
+    logged = Condition(robot, datasets, ())
     joints = tuple(
         joint
         for joint in robot.joint_names
         if joint in robot.elastic_joints
-        or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
-        or _all_measured(robot, motions, joint, "joint_torque")
+        or logged.has_input(joint)
+        or logged.measures(joint, "joint_torque")
     )
     if not joints and robot.base_is_held:
         raise IdentificationError(
@@ -486,26 +501,6 @@ def check_forces(datasets: Sequence[Dataset], torque_joints: Sequence[str]) -> N
             "force: add torques of joints, or the force of each foot (<link>.force_x_N and so on)",
             "torque_joints=",
         )
-
-
-def spring_torque_joints(
-    robot: Robot, motions: Sequence[Motion], model: LoadModel
-) -> tuple[str, ...]:
-    """Return the joints of the model whose torque on the load is that of their spring."""
-    return tuple(
-        joint
-        for joint in model.torque_joints
-        if joint in robot.elastic_joints
-        and not _all_measured(robot, motions, joint, "joint_torque")
-    )
-
-
-def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: str) -> bool:
-    index = robot.index(joint)
-    # The torque at a drive is that of all sensors of its coupled joints, C^-T tau.
-    used = group_of(robot.transmission, index) if signal == "joint_torque" else [index]
-    channels = [getattr(motion, signal) for motion in motions]
-    return all(data is not None and bool(np.all(np.isfinite(data[:, used]))) for data in channels)
 
 
 # Procedures, and what they cannot have

@@ -276,15 +276,15 @@ def _contradictions(identification: Identification, result: LeggedValidation) ->
 def _late_base(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what a late base adds to the load side, which is one equation of all joints."""
     if not side.is_motor and joint == side.joints[0]:
-        yield engine.linear_candidate(joint, "late", "base", partial(_slope_of_base, side))
+        yield engine.linear_candidate(joint, "late", "base", _slope_of_base(side))
 
 
 def _late_torques(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what torques that are all late add to the load side, -d tau' to first order."""
     is_whole = all(torque_channel(side, x) for x in side.joints)
     if is_whole and not side.is_motor and joint == side.joints[0]:
-        slopes = (side.once(late_columns, x)[0] for x in side.joints)
-        yield engine.linear_candidate(joint, "late", "torques", lambda: np.sum([*slopes], axis=0))
+        slopes = [side.once(late_columns, x)[0] for x in side.joints]
+        yield engine.linear_candidate(joint, "late", "torques", np.sum(slopes, axis=0))
 
 
 def _slope_of_base(side: Side) -> Array:
@@ -302,7 +302,7 @@ def _slope_of_base(side: Side) -> Array:
         bodies = side.base.least(values) + side.robot.known_parameters
         changes = [late_base(side.robot, x, joints, bodies, delay_s) for x in motions]
         column = replace(drive, motions=motions, factors=changes).at_rows(units) / delay_s
-        late = engine.linear_candidate(side.joints[0], "late", "base", partial(np.copy, column))
+        late = engine.linear_candidate(side.joints[0], "late", "base", column)
         if not side.equation.is_promising(late):
             break
         equation = side.equation.with_alternatives(late.alternatives)

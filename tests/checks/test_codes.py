@@ -150,13 +150,13 @@ def holes(count: int) -> Iterator[Finding]:
     yield HOLES.finding(f"{count} holes")
 
 
-def broken(count: int) -> Iterator[Finding]:
+def raising(count: int) -> Iterator[Finding]:
     yield DRIFT.finding("a drift")
     raise LogError(f"{count} rows are too few")
 
 
 def test_a_check_that_raises_becomes_a_note_with_its_name() -> None:
-    found = observed([Check(DRIFT, (), broken), Check(HOLES, (), holes)], 3)
+    found = observed([Check(DRIFT, (), raising), Check(HOLES, (), holes)], 3)
     assert [finding.code for finding in found] == ["drift", "holes", "drift"]
     assert found[2].severity == "note"
     assert found[2].message == "the check 'drift' could not be made: 3 rows are too few"
@@ -168,7 +168,12 @@ def fail(*_: Any, **__: Any) -> Any:
 
 def broken_checks(checks: Iterable[Any]) -> list[Any]:
     """Return checks that are always made and raise."""
-    return [replace(check, needs=(), proposed=fail) for check in checks]
+    return [*map(broken, checks)]
+
+
+def broken(check: Any) -> Any:
+    """Return a check that is always made and raises."""
+    return replace(check, needs=(), proposed=fail)
 
 
 BROKEN: dict[str, tuple[Any, str, Any]] = {
@@ -182,19 +187,19 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "fit": (verdict, "OF_FIT", broken_checks(verdict.OF_FIT)),
     "rest": (setup, "OF_REST", broken_checks(setup.OF_REST)),
     "motion": (setup, "OF_MOTION", broken_checks(setup.OF_MOTION)),
-    "limits": (channels, "OF_LIMITS", broken_checks(channels.OF_LIMITS)),
+    "limits": (channels, "limit_findings", broken(channels.limit_findings)),
     "ratings": (setup, "_are_scales", fail),
-    "strengths": (checking, "OF_STRENGTHS", broken_checks(channels.OF_STRENGTHS)),
-    "stops": (checking, "OF_STOPS", broken_checks(channels.OF_STOPS)),
+    "strengths": (checking, "strength_findings", broken(channels.strength_findings)),
+    "stops": (checking, "stop_findings", broken(channels.stop_findings)),
     "contacts": (RobotFit, "contacts", property(fail)),
     "blocks": (verdict, "_blocks", fail),
     "predictions": (verdict, "_prediction_errors", fail),
     "joints": (Experiment, "in_motion", property(fail)),
-    "values": (conclusion, "OF_DRIVES", broken_checks(values.OF_DRIVES)),
-    "channels": (conclusion, "OF_CHANNELS", broken_checks(values.OF_CHANNELS)),
+    "values": (conclusion, "drive_findings", broken(values.drive_findings)),
+    "channels": (conclusion, "unused_findings", broken(values.unused_findings)),
     "sensitivity": (conclusion, "sensitivity_findings", fail),
     "echoes": (conclusion, "without_echoes", fail),
-    "scales": (conclusion, "OF_SCALES", broken_checks(columns.OF_SCALES)),
+    "scales": (conclusion, "unknown_scales", broken(columns.unknown_scales)),
 }
 """{part of the checks: the module or class, its name, and what fails in its place}."""
 

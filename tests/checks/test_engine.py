@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -103,7 +102,7 @@ def first(data: Regression, count: int) -> Regression:
 
 def compare(equation: Equation, larger: Sequence[Alternative], asked: int) -> list[ModelComparison]:
     """Compare the model of an equation with each of several larger ones."""
-    candidates = [Candidate("", "", str(k), lambda x=x: [x]) for k, x in enumerate(larger)]  # type: ignore[misc]
+    candidates = [Candidate("", "", str(k), (x,)) for k, x in enumerate(larger)]
     return [trial.comparison for trial in compared_candidates(equation, candidates, asked)]
 
 
@@ -235,7 +234,7 @@ def selected(*columns: Array) -> Selection:
     """Return what is selected among columns of different checks, of which the first is true."""
 
     candidates = [
-        replace(linear_candidate("j", str(place), "", partial(np.reshape, x, (-1, 1))), about=place)
+        replace(linear_candidate("j", str(place), "", np.reshape(x, (-1, 1))), about=place)
         for place, x in enumerate(columns)
     ]
     data = rows((1.0, -2.0, 1.0, 0.0))
@@ -278,7 +277,7 @@ def test_logs_of_the_same_set_up_are_left_out_without_their_columns() -> None:
     other = data.y + parts[7] * (data.H @ [0.0, 1.0, 0.0, 0.0])
     data = replace(data, y=other, run=logs)
     candidates = [
-        Candidate("", "log", str(log), lambda own=own: [Alternative(data.H, 4, own=own)])  # type: ignore[misc]
+        Candidate("", "log", str(log), (Alternative(data.H, 4, own=own),))
         for log, own in enumerate(parts)
     ]
     equation = equation_of(fit(data, ESTIMATORS["wls"]))

@@ -278,7 +278,7 @@ def test_what_a_term_changes_is_reported_before_it_is_in_the_model() -> None:
 def test_a_term_that_explains_the_residual_stays_and_its_symptoms_go() -> None:
     w = speed("knee_pitch")
     found = identify(named(), with_torque("knee_pitch", 1e-6 * w * np.abs(w)))
-    symptoms = drive_findings("knee_pitch", found.drive_side["knee_pitch"])
+    symptoms = drive_findings("knee_pitch", found.drive_side["knee_pitch"], None)
     assert "loose-encoder" in {one.code for one in symptoms}
     (finding,) = findings(found)
     assert finding.evidence["explained"] > 0.95
@@ -489,7 +489,7 @@ def test_a_width_that_the_sampling_explains_is_noted_only(resolved: float, sever
     support = ModelComparison(explained=0.5, **tests, **blocks)  # type: ignore[arg-type]
     values = FrozenMapping({"coulomb_width": 8.0})
     smooth = Alternative(np.ones((1, 1)), 1, (), values, ("coulomb_friction",))
-    width = Trial(Candidate("hip_roll", "friction", "smooth_coulomb", tuple), support, smooth)
+    width = Trial(Candidate("hip_roll", "friction", "smooth_coulomb", ()), support, smooth)
     accepted = [Accepted(width, np.ones(1), np.ones(1))]
     check = next(check for check in DRIVE_CHECKS if check.code is CODES["missing-term"])
     nothing: Any = None

@@ -643,7 +643,7 @@ def test_a_negative_armature_has_a_remedy(inertia: float, severity: str, remedy:
     side = Estimate(
         ParameterName.all_of(names), values, np.diag([1e-2, 2e-3, 1e-3]) ** 2, ("",) * 3, 1.0, 1.0
     )
-    (finding,) = [x for x in drive_findings("j", side) if x.code == "negative-parameter"]
+    (finding,) = [x for x in drive_findings("j", side, None) if x.code == "negative-parameter"]
     assert finding.severity == severity
     assert finding.remedy.startswith(remedy)
 
