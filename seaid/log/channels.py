@@ -109,16 +109,11 @@ class Quantity:
         """Return the SI unit of a joint."""
         return (is_prismatic and self.prismatic_unit) or self.unit
 
-    def column(self, joint: str, is_prismatic: bool) -> str:
-        """Return the name of the column of a joint."""
+    def columns(self, owner: str, is_prismatic: bool = False) -> tuple[str, ...]:
+        """Return the names of its columns in a file, of a joint, of the base or of a contact."""
         unit = self.unit_of(is_prismatic)
-        return (
-            f"{joint}.{self.name.replace('torque', 'force') if unit == 'N' else self.name}_{unit}"
-        )
-
-    def columns(self, owner: str) -> tuple[str, ...]:
-        """Return the names of the columns of the base or of a contact."""
-        parts = [[self.name, axis, self.unit] for axis in self.axes or [""]]
+        name = self.name.replace("torque", "force") if unit == "N" else self.name
+        parts = [[name, axis, unit] for axis in self.axes or [""]]
         return tuple(f"{owner}.{'_'.join(filter(None, words))}" for words in parts)
 
 
@@ -152,13 +147,8 @@ def contact_columns(link: str) -> tuple[str, tuple[str, ...]]:
 
 
 def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
-    """Return {column name in a file: field of `Log`} of one joint."""
-    return {row.column(joint, is_prismatic): name for name, row in OF_JOINTS.items()}
-
-
-def column_name(joint: str, is_prismatic: bool, field: str) -> str:
-    """Return the column name in a file of one field of `Log` of one joint."""
-    return OF_JOINTS[field].column(joint, is_prismatic)
+    """Return {field of `Log`: column name in a file} of one joint."""
+    return {name: row.columns(joint, is_prismatic)[0] for name, row in OF_JOINTS.items()}
 
 
 def short_name(name: str) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import COMMANDS, Drive
 from seaid.errors import LogError
-from seaid.log.channels import column_name
+from seaid.log.channels import column_names
 from seaid.log.filtering import low_pass, spline_derivatives
 from seaid.robot import at_drives
 
@@ -149,7 +149,7 @@ def _missing(robot: Robot, index: int, field: str) -> LogError:
     key = "nominal_supply_V" if field == "supply_voltage" else f'motor_input = "{field}"'
     return LogError(
         f"the drive of '{joint}' has {key}, and the log has no column "
-        f"'{column_name(joint, robot.is_prismatic[index], field)}'"
+        f"'{column_names(joint, robot.is_prismatic[index])[field]}'"
     )
 
 

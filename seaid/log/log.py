@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from io import BytesIO
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 
 def columns_by_joint(system: Robot | Log) -> dict[str, dict[str, str]]:
-    """Return {joint: {column name in a file: field of `Log`}} of a robot or of a log."""
+    """Return {joint: {field of `Log`: column name in a file}} of a robot or of a log."""
     names = system.joint_names
     return dict(zip(names, map(channels.column_names, names, system.is_prismatic), strict=True))
 
 
 def own_names(robot: Robot) -> set[str]:
     """Return the names of the columns that a log has of a robot's joints, the short ones too."""
-    names = {*chain.from_iterable(columns_by_joint(robot).values())}
+    names = {*chain(*(columns.values() for columns in columns_by_joint(robot).values()))}
     return names | {channels.short_name(name) for name in names}
 
 
@@ -63,7 +63,7 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
 def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
     """Return what is wrong with names of a file that are nearly those of a joint's columns."""
     columns, expected = columns_by_joint(robot), own_names(robot)
-    quantities = {*channels.column_names("", False), *channels.column_names("", True)}
+    quantities = {*chain(*(channels.column_names("", x).values() for x in (False, True)))}
     still = {*robot.standing_joints, *(joint.name for joint in robot.dependent_joints)}
     missing, faults = expected - {*file_names}, []
     for name in file_names[:_COMPARED]:
@@ -220,21 +220,20 @@ class Log(Display):
 
     def columns(self) -> dict[str, Array]:
         """Return {column name in a file: samples (T,)} of all sensors that the log has."""
-        columns: dict[str, Array] = {}
-        for joint, fields in columns_by_joint(self).items():
-            logged = self.logged(joint)
-            columns |= {name: logged[field] for name, field in fields.items() if field in logged}
-        return columns
+        return {
+            columns[field]: samples
+            for joint, columns in columns_by_joint(self).items()
+            for field, samples in self.logged(joint).items()
+        }
 
     def sources(self) -> dict[str, dict[str, Any]]:
         """Return {joint: {quantity: its column, or its entry in the description}} of the log."""
         if self.description is not None:
             described = self.description["joints"]
             return {joint: dict(described.get(joint, {})) for joint in self.joint_names}
-        logged = self.columns()
         return {
-            joint: {field: name for name, field in names.items() if name in logged}
-            for joint, names in columns_by_joint(self).items()
+            joint: {field: columns[field] for field in self.logged(joint)}
+            for joint, columns in columns_by_joint(self).items()
         }
 
 
@@ -282,11 +281,14 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
     nothing = np.full((len(time), robot.n), np.nan)
     sensors: dict[str, Any] = {field: nothing.copy() for field in _NEEDED}
     seen = {name: values for name, values in picked.items() if not np.all(np.isnan(values))}
-    for index, (joint, names) in enumerate(columns_by_joint(robot).items()):
-        logged = {name: field for name, field in names.items() if name in seen}
-        for name, field in logged.items():
-            sensors.setdefault(field, nothing.copy())[:, index] = seen[name]
-        _check_sensors(robot, joint, logged, picked, file_names)
+    logged = {
+        joint: {field: seen[name] for field, name in names.items() if name in seen}
+        for joint, names in columns_by_joint(robot).items()
+    }
+    _check_sensors(robot, logged, picked, file_names)
+    for index, samples in enumerate(logged.values()):
+        for field, values in samples.items():
+            sensors.setdefault(field, nothing.copy())[:, index] = values
     if not robot.base_is_held:
         sensors["base"] = base_log(seen, robot)
     return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
@@ -303,26 +305,35 @@ _NEEDS = {
 """{whether a joint is elastic: what its log needs}."""
 
 
-def _check_sensors(
-    robot: Robot, joint: str, logged: Mapping[str, str], picked: Iterable[str], names: Sequence[str]
-) -> None:
-    """Raise LogError if {column: field} of a joint are too few for its drive."""
-    elastic, fields = robot.drives[joint].is_elastic, {*logged.values()}
-    # The six equations of a floating base have no motor torque, so that motion alone is of use.
-    is_enough = not robot.base_is_held or fields - _NO_TORQUES
+def _are_enough(fields: Set[str], is_elastic: bool, may_lack_torque: bool) -> bool:
+    """Return whether the sensors of a joint are enough for its drive."""
     # An elastic joint without its own encoder is identified from the motor's side alone.
-    needs_both = elastic and not {"motor_position", "motor_torque"} <= fields
-    if len(fields & {"motor_position", "joint_position"}) <= needs_both or not is_enough:
-        columns = channels.column_names(joint, robot.is_prismatic[robot.index(joint)])
-        missing = [column for column in columns if column not in logged]
-        advice = f"its columns are {', '.join(columns)}{near_names(missing, picked, names)}"
+    needs_both = is_elastic and not {"motor_position", "motor_torque"} <= fields
+    has_positions = len(fields & {"motor_position", "joint_position"}) > needs_both
+    return has_positions and bool(may_lack_torque or fields - _NO_TORQUES)
+
+
+def _check_sensors(
+    robot: Robot,
+    logged: Mapping[str, Mapping[str, Array]],
+    picked: Iterable[str],
+    names: Sequence[str],
+) -> None:
+    """Raise LogError for the first joint of which {joint: {field: samples}} has too few fields."""
+    has_torque = any(fields.keys() - _NO_TORQUES for fields in logged.values())
+    for joint, columns in columns_by_joint(robot).items():
+        fields, elastic = logged[joint].keys(), robot.drives[joint].is_elastic
+        # The six equations of a floating base have no motor torque, and a joint next to those that
+        # are driven may have no motor: motion alone is of use.
+        if _are_enough(fields, elastic, not robot.base_is_held or (has_torque and not elastic)):
+            continue
+        missing = [column for field, column in columns.items() if field not in fields]
+        known = ", ".join(columns.values())
+        advice = f"its columns are {known}{near_names(missing, picked, names)}"
         if own_names(robot).isdisjoint(names):
             advice = f"its description names columns of the file, which are {listed(names)}"
-        raise LogError(
-            f"joint '{joint}' needs {_NEEDS[elastic]}, "
-            f"found {', '.join(logged.values()) or 'none'}",
-            advice=advice,
-        )
+        what = f"needs {_NEEDS[elastic]}, found {listed(fields) or 'none'}"
+        raise LogError(f"joint '{joint}' {what}", advice=advice)
 
 
 @checked(LogError)

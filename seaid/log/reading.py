@@ -204,7 +204,7 @@ def _check_alive(log: Log) -> None:
     """Raise LogError for a constant position of a joint whose other position moves."""
     logged = log.columns()
     for names in columns_by_joint(log).values():
-        positions = [name for name in names if name in logged and "_position_" in name]
+        positions = [names[x] for x in ("motor_position", "joint_position") if names[x] in logged]
         still = [name for name in positions if is_constant(logged[name])]
         if len(positions) == 2 and len(still) == 1:
             value = logged[still[0]][0]
@@ -221,8 +221,8 @@ def _warn_of_columns(
     logged, used = log.columns(), described.columns()
     faults = [
         f"'{name}' is NaN throughout and counts as not logged"
-        for joint, fields in columns_by_joint(robot).items()
-        for name, field in fields.items()
+        for joint, columns in columns_by_joint(robot).items()
+        for field, name in columns.items()
         if field != "deflection" and field in described.joints.get(joint, {}) and name not in logged
     ]
     faults += unread_columns(robot, [name for name in names if name not in used])

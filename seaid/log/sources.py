@@ -11,7 +11,6 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +27,7 @@ from seaid.log.channels import (
     TEMPERATURES,
     UNIT_FACTORS,
     Quantity,
-    column_name,
+    column_names,
     short_name,
 )
 from seaid.log.description import Clock, Key, LogDescription, Servo, Source, unit_size
@@ -116,7 +115,7 @@ def selected(path: Path, table: Table, description: LogDescription, robot: Robot
     Raises LogError for a file without any quantity of a joint.
     """
     if not description.joints:
-        names = [name for names in columns_by_joint(robot).values() for name in names]
+        names = [name for names in columns_by_joint(robot).values() for name in names.values()]
         found = "; ".join(filter(None, [listed(table.names), table.notice]))
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{names[0]}' (custom columns "
@@ -262,7 +261,7 @@ def _own_sources(
     for name, row in rows.items():
         if key[0] == "joints":
             # The long name first: a file with both has the joint's own under it.
-            long = row.column(key[1], _is_prismatic(robot, key[1]))
+            (long,) = row.columns(key[1], _is_prismatic(robot, key[1]))
             columns = [long] if long in table.names else [*{short_name(long)}.difference(used)]
         else:
             is_own = name != "angle" or moving_base(robot).normal is not None
@@ -321,10 +320,10 @@ def _names(where: str, key: Key, row: Quantity, source: Source, robot: Robot) ->
     """
     if key[0] != "joints":
         return _names_of_vector(where, row.columns(key[-1]), row, source, moving_base(robot))
-    own = row.column(key[1], _is_prismatic(robot, key[1]))
-    is_of_spring = row.name == "deflection" and source != Source((own,))
-    spring = f"{key[1]}.deflection_{_unit_of(robot, key[1], row.name)}"
-    return (spring if is_of_spring else own,)
+    own = row.columns(key[1], _is_prismatic(robot, key[1]))
+    if row.name != "deflection" or source == Source(own):
+        return own
+    return (f"{key[1]}.deflection_{_unit_of(robot, key[1], row.name)}",)
 
 
 def _names_of_vector(
@@ -371,8 +370,10 @@ def both_sides(picked: Block, robot: Robot, of_springs: Collection[str] = ()) ->
     """
     samples = dict(picked)
     for index, joint in enumerate(robot.joint_names):
-        drive, name_of = robot.drives[joint], partial(column_name, joint, robot.is_prismatic[index])
-        motor, load, own = map(name_of, ("motor_position", "joint_position", "deflection"))
+        drive, columns = robot.drives[joint], column_names(joint, robot.is_prismatic[index])
+        motor, load, own = map(
+            columns.__getitem__, ("motor_position", "joint_position", "deflection")
+        )
         has_both = {motor, load} <= samples.keys()
         deflection = _of_spring(samples, robot, joint, own, has_both, of_springs)
         behind_gear = drive.motor_radius / drive.ratio
