@@ -9,13 +9,13 @@ cutoff is therefore selected from the spectra of the positions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, white_noise
+from seaid._arrays import Array, BoolArray, runs, white_noise
 
 _ROUNDING = 1e-6
 
@@ -133,6 +133,17 @@ def mean_directions(velocity: Array, rate_hz: float, band_hz: float, dry: float)
     return low_pass(directions[:, None], rate_hz, band_hz)[:, 0]  # as torques and accelerations are
 
 
+def runs_that(passes: Callable[[int, int], bool], mask: BoolArray) -> BoolArray:
+    """Return the mask (T,) without those runs of true values that do not pass a test.
+
+    The test gets the first sample of a run and its end.
+    """
+    kept = np.zeros(len(mask), dtype=bool)
+    for start, end in runs(mask).tolist():
+        kept[start:end] = passes(start, end)
+    return kept
+
+
 BLUR_OF_COMMANDS, _BLUR = 3.5, 7.0
 """Time constants 1 / (2 pi f) of the low pass of the positions by which a rest is longer in them.
 
@@ -161,11 +172,12 @@ def is_friction_known(
     rest = np.abs(velocity) < max(STANDSTILL * fastest, REST_RAD_S)
     # Both samples of a change of sign, since a fast reversal passes zero between two samples.
     rest |= turns | np.roll(turns, 1)
-    edges = np.flatnonzero(np.diff(rest, prepend=False, append=False))
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
-        # one reversal, through which the joint passes, is no rest
-        if np.sum(turns[first:end]) == 1 and np.any(passes[first:end]):
-            rest[first:end] = False
+
+    def is_rest(start: int, end: int) -> bool:
+        # one reversal, through which the joint passes, is none
+        return not (np.sum(turns[start:end]) == 1 and np.any(passes[start:end]))
+
+    rest = runs_that(is_rest, rest)
     reach = round(blur * rate_hz / (2 * np.pi * min(band_hz, UNFILTERED * rate_hz)))
     count = np.convolve(rest, np.ones(2 * reach + 1))[reach : reach + len(rest)]
     return np.asarray(count < 0.5)

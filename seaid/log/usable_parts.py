@@ -11,6 +11,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, resolution, runs, white_noise
 from seaid.errors import LogError
 from seaid.log.channels import quantity_of
+from seaid.log.filtering import runs_that
 from seaid.log.log import MINIMUM_SAMPLES, Log
 from seaid.log.repair import Repair
 from seaid.log.repair.clocks import longest_bridge, typical_step
@@ -151,13 +152,9 @@ def _frozen(log: Log, name: str, values: Array) -> BoolArray:
 
 def _long_repeats(time: Array, values: Array) -> BoolArray:
     """Return the mask (T,) of samples that repeat a value for longer than gaps are bridged."""
-    repeats = np.zeros(len(values), dtype=bool)
+    longest_s, repeats = longest_bridge(time), np.concatenate([[False], np.diff(values) == 0.0])
     # A run begins at the second of equal values; the first is a measurement, hence `start` - 1.
-    spans = runs(np.concatenate([[False], np.diff(values) == 0.0]))
-    long = time[spans[:, 1] - 1] - time[spans[:, 0] - 1] > longest_bridge(time)
-    for start, end in spans[long]:
-        repeats[start:end] = True
-    return repeats
+    return runs_that(lambda start, end: time[end - 1] - time[start - 1] > longest_s, repeats)
 
 
 def _frozen_positions(values: Array, repeated: BoolArray) -> BoolArray:
@@ -168,15 +165,16 @@ def _frozen_positions(values: Array, repeated: BoolArray) -> BoolArray:
     """
     changes = np.abs(np.diff(values))
     usual, large = np.percentile(changes[changes > 0.0], (50, 99)) if np.any(changes) else (0, 0)
-    frozen = repeated.copy()
-    for start, end in runs(repeated):
-        before = values[max(start - 1 - _BEFORE, 0) : start]
+
+    def is_frozen(start: int, end: int) -> bool:
+        if end < len(values):
+            return bool(changes[end - 1] > _JUMP * large)
         # At the end of a log there is no jump: a position is frozen there if it stops from full
         # speed.
-        stops = len(before) > _BEFORE and abs(before[-1] - before[0]) > _BEFORE * usual
-        jumps = end < len(values) and abs(values[end] - values[end - 1]) > _JUMP * large
-        frozen[start:end] = jumps or (end == len(values) and stops)
-    return frozen
+        before = values[max(start - 1 - _BEFORE, 0) : start]
+        return len(before) > _BEFORE and bool(abs(before[-1] - before[0]) > _BEFORE * usual)
+
+    return runs_that(is_frozen, repeated)
 
 
 _BEFORE = 8
@@ -193,9 +191,8 @@ def _frozen_torques(values: Array, repeated: BoolArray, positions: list[Array]) 
     if np.mean(repeated) > MOST_EXCLUDED or np.sum(changes == 0.0) >= _REPEATS * len(changes):
         return np.zeros_like(repeated)
     frozen = repeated & ~np.isin(values, [0.0, np.min(values), np.max(values)])
-    for start, end in runs(frozen):
-        frozen[start:end] = any(np.ptp(x[start:end]) > _MOVES * np.ptp(x) for x in positions)
-    return frozen
+    least = [(x, _MOVES * np.ptp(x)) for x in positions]
+    return runs_that(lambda start, end: any(np.ptp(x[start:end]) > y for x, y in least), frozen)
 
 
 MOST_EXCLUDED = 0.5
