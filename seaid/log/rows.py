@@ -32,7 +32,7 @@ On the simulated leg with two gaps of 0.09 s the error of the drives is 1.5 time
 if all rows are kept, and 1.05 times at 0.1 to 0.3 (ten draws); gaps of 10 ms need no exclusion.
 """
 
-_AT_ONCE = 8
+_AT_ONCE = 16
 """Columns that are filtered at a time: they stay in the processor's cache."""
 
 

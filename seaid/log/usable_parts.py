@@ -36,9 +36,6 @@ _NOISES, _STEPS, _SHARE, _TORQUE_SHARE = 6.0, 1.5, 0.002, 0.05
 resolution, or this share of its range: of a position, of a torque. A robot that stands still while
 its torques change is not at rest: friction holds it, which is part of the experiment."""
 
-_SOME = 4
-"""Every so many samples show whether a channel has coarse steps, without sorting all of them."""
-
 _SMOOTHED_S = 0.1
 """Moving average of the torques [s], which are noisy, before they are compared."""
 
@@ -85,10 +82,7 @@ def _rests_s(time: Array, name: str, values: Array) -> tuple[float, float]:
     """Return the time [s] that a channel rests before its first and after its last motion."""
     window = max(1, round(_SMOOTHED_S / typical_step(time)))
     share, count = (_SHARE, 1) if quantity_of(name).is_position else (_TORQUE_SHARE, window)
-    least = share * float(np.ptp(values))
-    # its 5th percentile of n steps is at most ptp / 0.95 n
-    if len(np.unique(values[::_SOME])) < 1.1 * _STEPS / share:
-        least = max(_STEPS * resolution(values), least)
+    least = max(_STEPS * resolution(values), share * float(np.ptp(values)))
     # Reversed in time with negative stamps: these increase, and the end is at the start.
     after = _rest_s(-time[::-1], values[::-1], least, count)
     return _rest_s(time, values, least, count), after
@@ -101,18 +95,11 @@ def _rest_s(time: Array, values: Array, least: float, count: int) -> float:
     """
     first = values[: max(3, int(np.searchsorted(time, time[0] + REST_S)))]
     noise = white_noise(first, robust=True) / np.sqrt(count)  # of a mean of `count` samples
-    means = _moving_mean(values, min(count, len(values)))
-    moved = np.abs(means - np.mean(first)) > max(_NOISES * noise, least)
-    return float(time[np.argmax(moved)] - time[0]) if np.any(moved) else np.inf
-
-
-def _moving_mean(values: Array, count: int) -> Array:
-    """Return the means of `count` samples about each of a channel (T,), of fewer at its ends."""
-    first = np.maximum(np.arange(len(values)) - count // 2, 0)
-    last = np.minimum(first + count, len(values))
-    # Less the first value, since a large mean would cost the sums their digits.
-    sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
-    return np.asarray(values[0] + (sums[last] - sums[first]) / (last - first))
+    count = min(count, len(values))
+    means = np.convolve(values - np.mean(first), np.full(count, 1 / count), "valid")
+    moved = np.abs(means) > max(_NOISES * noise, least)
+    # A mean is that about the middle of its samples.
+    return float(time[np.argmax(moved) + count // 2] - time[0]) if np.any(moved) else np.inf
 
 
 def without_frozen(log: Log) -> Log:
