@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError
+from seaid.log.refusals import refusal
 
 
 def _table_of(file: str) -> dict[str, Any]:
@@ -186,18 +186,13 @@ def check_finite(about: str, values: Array, advice: str = "drop the sample") -> 
     """Raise LogError for samples (T,) or (T, k) that are NaN or infinite, naming the first one."""
     bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
     if len(bad):
-        raise LogError(
-            f"{about} is not finite in {len(bad)} of {len(values)} samples, the first in sample "
-            f"{bad[0]}: {advice}, or repair the log with repair=seaid.Repairs()",
-            "repair=seaid.Repairs()",
-        )
+        size = {"bad": len(bad), "count": len(values)}
+        raise refusal("not_finite", about=about, row=bad[0], advice=advice, **size)
 
 
 def check_size(about: str, values: Array, largest: float) -> None:
     """Raise LogError for finite samples (T,) beyond what any sensor measures."""
     beyond = np.flatnonzero(np.abs(np.nan_to_num(values, posinf=0, neginf=0)) > largest)
     if len(beyond):
-        raise LogError(
-            f"{about} has {values[beyond[0]]:.4g} in sample {beyond[0]}, allowed is up to "
-            f"{largest:.0e}: no sensor measures that; remove the sample"
-        )
+        value, row = values[beyond[0]], beyond[0]
+        raise refusal("too_large", about=about, value=value, row=row, largest=largest)

@@ -20,6 +20,7 @@ from seaid.errors import LogError, checked, listed
 from seaid.log import channels
 from seaid.log.base_log import BaseLog, base_log
 from seaid.log.readers.array_files import write_hdf5, write_parquet
+from seaid.log.refusals import refusal
 from seaid.log.repair import Repair
 
 if TYPE_CHECKING:
@@ -179,10 +180,7 @@ class Log(Display):
         if not self.is_prismatic:
             object.__setattr__(self, "is_prismatic", (False,) * shape[1])
         if len(self.is_prismatic) != shape[1]:
-            raise LogError(
-                f"is_prismatic needs one entry per joint, {shape[1]}, found "
-                f"{len(self.is_prismatic)}"
-            )
+            raise refusal("other_is_prismatic", count=shape[1], given=len(self.is_prismatic))
         if self.base is not None:
             for name, column in self.base.columns().items():
                 if len(column) != shape[0]:
@@ -240,22 +238,13 @@ class Log(Display):
 _COARSE = 0.1
 """Share of repeated stamps above which they are said to have too few digits."""
 
-_TOO_FEW_DIGITS = (
-    "; if the stamps have too few digits (seconds since 1970 need 13), write more, or, if the "
-    "samples are equidistant, give their rate in the description of the log: time = { rate_hz = "
-    "... }, as seaid.describe_log writes it with rate_hz="
-)
-
 
 def _check_time(time: Array) -> None:
     if len(time) < MINIMUM_SAMPLES:
         raise LogError(f"a log needs {MINIMUM_SAMPLES} samples or more, found {len(time)}")
     channels.check_finite("time_s", time)
     if np.max(np.abs(time)) > _LATEST_S:
-        raise LogError(
-            f"time_s runs from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to "
-            f"{_LATEST_S:.0e}: is it in another unit?"
-        )
+        raise refusal("time_too_large", start=time[0], end=time[-1], most=_LATEST_S)
     steps = np.diff(time)
     for word, bad in (("goes backwards", steps < 0), ("repeats", steps == 0)):
         if np.any(bad):
@@ -263,12 +252,9 @@ def _check_time(time: Array) -> None:
             is_coarse = word == "repeats" and np.mean(bad) > _COARSE
             remedy = "sort or drop these samples, or repair them with repair=seaid.Repairs()"
             remedy = "it is constant" if np.all(steps == 0) else remedy
-            raise LogError(
-                f"time_s {word} at sample {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s; "
-                f"{int(bad.sum())} such places); it must increase: {remedy}"
-                f"{_TOO_FEW_DIGITS if is_coarse else ''}",
-                *("repair=seaid.Repairs()", "seaid.describe_log", "rate_hz="),
-            )
+            stamps = {"before": time[row - 1], "time": time[row], "count": int(bad.sum())}
+            hint = str(refusal("too_few_digits")) if is_coarse else ""
+            raise refusal("no_increase", word=word, row=row, remedy=remedy, hint=hint, **stamps)
 
 
 _NEEDED = channels.SENSORS[:4]
@@ -361,9 +347,7 @@ def write_log(log: Log, path: str | Path) -> None:
     path = Path(path)
     write = _WRITERS.get(path.suffix.lower())
     if write is None:
-        raise LogError(
-            f"'{path}': cannot write '{path.suffix}' logs; allowed: {', '.join(_WRITERS)}"
-        )
+        raise refusal("no_writer", path=path, suffix=path.suffix, allowed=", ".join(_WRITERS))
     base = log.base.columns() if log.base is not None else {}
     write(path, {"time_s": log.time, **log.columns(), **base})
 

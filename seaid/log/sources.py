@@ -33,6 +33,7 @@ from seaid.log.channels import (
 from seaid.log.description import Clock, Key, LogDescription, Servo, Source, unit_size
 from seaid.log.log import Log, columns_by_joint, near_names, own_names, sorted_log
 from seaid.log.readers.table import Block, Table, check_lengths
+from seaid.log.refusals import refusal
 from seaid.log.repair import Channel, Repair
 from seaid.robot import FloatingBase, Robot, coupled_names
 
@@ -117,11 +118,8 @@ def selected(path: Path, table: Table, description: LogDescription, robot: Robot
     if not description.joints:
         names = [name for names in columns_by_joint(robot).values() for name in names.values()]
         found = "; ".join(filter(None, [listed(table.names), table.notice]))
-        raise LogError(
-            f"'{path}' has no column of this robot; expected names as '{names[0]}' (custom columns "
-            f"need {DESCRIBED}), found: {found}{near_names(names, (), table.names)}",
-            DESCRIBED,
-        )
+        near = near_names(names, (), table.names)
+        raise refusal("no_own_column", path=path, name=names[0], columns=found, near=near)
     _check_owners(path, description, robot)
     described = tuple(_quantities(path, table, description, robot))
     where = description.where and table.in_file_of(description.where, described[0].source.used)
@@ -387,10 +385,7 @@ def both_sides(picked: Block, robot: Robot, of_springs: Collection[str] = ()) ->
         elif motor in samples:
             samples[load] = (behind_gear * samples[motor] - deflection) / drive.load_radius
         else:
-            raise LogError(
-                f"joint '{joint}': a deflection determines the other side of the spring only "
-                "together with motor_position or joint_position"
-            )
+            raise refusal("deflection_alone", joint=joint)
     return samples
 
 
@@ -415,10 +410,7 @@ def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
     """Raise LogError for a joint whose drive is coupled with other joints."""
     is_coupled = joint in coupled_names(robot.joint_names, robot.transmission)
     if is_coupled or robot.drives[joint].angle_ratio is not None:
-        raise LogError(
-            f"the drive of joint '{joint}' moves several joints or moves it by a factor: "
-            f"{consequence}; give motor_position and joint_position as measured"
-        )
+        raise refusal("coupled_drive", joint=joint, consequence=consequence)
 
 
 def _clock_of(where: str, table: Table, description: LogDescription, source: Source) -> Clock:
@@ -429,12 +421,7 @@ def _clock_of(where: str, table: Table, description: LogDescription, source: Sou
     clock = source.time or description.time or of_file
     if clock is None:
         _checked_columns(where, columns, table)
-        raise LogError(
-            f"{where}: {table.missing('time_s')}; custom columns need {DESCRIBED}, and the time is "
-            'named in the description of the log as time = "...", or has a constant rate, '
-            "time = { rate_hz = ... }",
-            DESCRIBED,
-        )
+        raise refusal("no_time", where=where, missing=table.missing("time_s"))
     if clock.column is None:
         return clock
     rest = clock.nanoseconds and table.in_file_of(clock.nanoseconds, columns)
@@ -517,12 +504,6 @@ def _check_turnable(turned: Sequence[str], picked: Mapping[str, Array], robot: R
     base = moving_base(robot)
     if not set(CHANNELS["orientation"]) <= set(picked):
         kind = turned[0].removeprefix("base.").rsplit("_in_", 1)
-        raise LogError(
-            f"the {kind[0]} of the base in the frame of the {kind[1][:-2]} needs the orientation "
-            "of the base too: name it in [base]"
-        )
+        raise refusal("no_orientation", quantity=kind[0], frame=kind[1][:-2])
     if not base.imu_is_fixed and any("velocity_in_base" not in name for name in turned):
-        raise LogError(
-            f"a joint moves the IMU at '{base.imu_link}': its angular velocity and specific force "
-            'must be those of its own frame, without frame = "world" and with gravity'
-        )
+        raise refusal("imu_moves", link=base.imu_link)

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, resolution, runs, white_noise
-from seaid.errors import LogError
 from seaid.log.channels import quantity_of
 from seaid.log.filtering import runs_that
 from seaid.log.log import MINIMUM_SAMPLES, Log
+from seaid.log.refusals import refusal
 from seaid.log.repair import Repair
 from seaid.log.repair.clocks import longest_bridge, typical_step
 
@@ -111,10 +111,7 @@ def without_frozen(log: Log) -> Log:
     repairs = [_frozen_repair(name, log.time, frozen) for name, frozen in masks.items()]
     bad = np.any([*masks.values()], axis=0)
     if np.mean(bad) > MOST_EXCLUDED:
-        raise LogError(
-            f"channels of the log are frozen in {np.mean(bad):.0%} of its samples, allowed "
-            f"{MOST_EXCLUDED:.0%}; {repairs[0]}"
-        )
+        raise refusal("too_often_frozen", share=np.mean(bad), most=MOST_EXCLUDED, first=repairs[0])
     return replace(log.at(~bad), report=(*log.report, *repairs))
 
 
@@ -201,10 +198,7 @@ def check_whole(log: Log) -> None:
     """Raise LogError naming the first hole of a log, if it has any."""
     gaps = holes(log.time)
     if len(gaps):
-        raise LogError(
-            f"the log has holes in time ({len(gaps)} found, the first of {hole_text(gaps[0])}), in "
-            "which the motion is unknown: take a part without one, log.between(start_s, end_s)"
-        )
+        raise refusal("holes", count=len(gaps), first=hole_text(gaps[0]))
 
 
 def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
@@ -226,12 +220,8 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
     excluded = 1.0 - sum(float(x[-1] - x[0]) for x in compress(spans, is_used)) / whole
     worst = hole_text(gaps[np.argmax(np.diff(gaps)[:, 0])])
     if excluded > MOST_EXCLUDED:
-        raise LogError(
-            f"the log has holes in time ({len(gaps)} found, the longest of {worst}): they and the "
-            f"stretches between them that are too short to use are {excluded:.0%} of "
-            f"{whole:.4g} s, allowed {MOST_EXCLUDED:.0%}; record again without losing samples, or "
-            "pass the good stretches as separate logs, log.between(start_s, end_s)"
-        )
+        shares = {"excluded": excluded, "whole": whole, "most": MOST_EXCLUDED}
+        raise refusal("too_many_holes", count=len(gaps), worst=worst, **shares)
     parts = [log.between(*edge) for edge in compress(pairwise(edges), is_used)]
     short = is_used.count(False)
     stubs = f" ({short} stretches between them are too short)" * bool(short)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, is_constant, resolution, white_noise
-from seaid.errors import LogError
 from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of
 from seaid.log.filtering import low_pass, runs_that
+from seaid.log.refusals import refusal
 from seaid.log.repair import FEWEST, Channel, Repairs, Report
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step, typical_step
 
@@ -261,12 +261,8 @@ def _predicted_steps(name: str, time: Array, nearest: Array, period: float) -> A
     off = np.maximum(np.abs(steps - expected), doubt)
     unclear = np.flatnonzero((off > _CLEAR * period) & (np.abs(steps) > period / 4))
     for place in unclear[:1]:
-        raise LogError(
-            f"'{name}' moves by {abs(steps[place]):.3g} from t = {time[place]:.6g} s to the next "
-            f"sample, {durations[place]:.3g} s later, and wraps around every {period:.6g}: the "
-            f"number of wraps is ambiguous (the position must be within {_CLEAR:g} of a period of "
-            "its extrapolation); log at a higher rate, or exclude this time"
-        )
+        wrap = {"step": abs(steps[place]), "duration": durations[place], "share": _CLEAR}
+        raise refusal("ambiguous_wraps", name=name, time=time[place], period=period, **wrap)
     return steps
 
 
