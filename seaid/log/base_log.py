@@ -21,6 +21,7 @@ from seaid._progress import Display
 from seaid.errors import LogError, unknown_name
 from seaid.log.channels import ANGLE, CHANNELS, check_finite, contact_columns
 from seaid.log.filtering import STILL, low_pass, spline_derivatives
+from seaid.log.refusals import refusal
 from seaid.robot import BASE_ROWS, imu_motion
 
 if TYPE_CHECKING:
@@ -33,11 +34,7 @@ def moving_base(robot: Robot) -> FloatingBase:
 
     The type of robots with such a base registers it, see `seaid.legged`.
     """
-    raise LogError(
-        f"[base] and [contacts] are those of a base that moves, and that of '{robot.name}' is "
-        "fixed: load it with base='floating'",
-        "base='floating'",
-    )
+    raise refusal("base_is_held", robot=robot.name)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,10 +83,7 @@ class BaseLog(Display):
             object.__setattr__(self, name, FrozenMapping(samples, "link"))
         for link, values in self.wrenches.items():
             if values.shape[1] not in (3, 6):
-                raise LogError(
-                    f"wrenches of {link} must have three forces or forces and moments, found "
-                    f"{values.shape[1]} columns"
-                )
+                raise refusal("no_wrench", link=link, width=values.shape[1])
         if self.orientation is not None:
             _check_quaternions(self.orientation)
             object.__setattr__(self, "orientation", continuous(self.orientation))
@@ -123,11 +117,7 @@ class BaseLog(Display):
         base = None if robot.base_is_held else moving_base(robot)
         if base is None or not base.contact_of(base.link).is_flat:
             link = "base" if base is None else base.link
-            raise LogError(
-                f"a robot that hangs is held at its base: load it with base='floating' and, among "
-                f"contacts=, seaid.robot.Contact({link!r}, is_flat=True)",
-                "contacts=",
-            )
+            raise refusal("no_flat_base", link=link)
         return cls(
             orientation=np.tile(base.upright_quaternion, (count, 1)),
             velocity=np.zeros((count, 3)),
@@ -259,13 +249,7 @@ def _check_flags(link: str, values: Array) -> None:
     """Raise LogError for a contact that is no flag, as forces and codes are none."""
     row = int(np.nanargmax(np.abs(values - 0.5)))
     if abs(values[row] - 0.5) > 1.0:  # 0 and 1 are 0.5 from the middle; 2 and -1 are no overshoot
-        raise LogError(
-            f"the contact of '{link}' must be 0 in the air and 1 on the ground, found "
-            f"{values[row]:.4g} in sample {row}: give a force or a code its limit in the "
-            f"description of the log, [contacts.{toml_key(link)}] contact = {{ columns = "
-            f'"...", above = ... }}, as seaid.describe_log infers it',
-            "seaid.describe_log",
-        )
+        raise refusal("no_flag", link=link, value=values[row], row=row, key=toml_key(link))
 
 
 _LENGTH = 0.05
@@ -276,10 +260,7 @@ def _check_quaternions(orientation: Array) -> None:
     length = np.linalg.norm(orientation, axis=1)
     if np.max(np.abs(length - 1)) > _LENGTH:
         row = int(np.argmax(np.abs(length - 1)))
-        raise LogError(
-            f"base.orientation must be unit quaternions (w, x, y, z), found a length of "
-            f"{length[row]:.4g} in sample {row}"
-        )
+        raise refusal("no_unit_quaternion", length=length[row], row=row)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -406,12 +387,8 @@ def _moves(place: Array) -> bool:
 def _logged(robot: Robot, log: BaseLog | None) -> BaseLog:
     """Return the samples of a base. Raises LogError if there are none."""
     if log is None:
-        raise LogError(
-            f"the base of '{robot.name}' floats, and the log has no channel of it: columns such as "
-            f"{CHANNELS['specific_force'][0]} and {CHANNELS['angular_velocity'][0]}, or a pose; "
-            "for a robot that hangs from a fixed base load it with base='fixed'",
-            "base='fixed'",
-        )
+        force, rate = (CHANNELS[x][0] for x in ("specific_force", "angular_velocity"))
+        raise refusal("no_base", robot=robot.name, force=force, rate=rate)
     return log
 
 
@@ -433,32 +410,21 @@ def _specific_force_of_pose(log: BaseLog, time: Array, R: Array | None, gravity:
         if R is not None and values is not None:
             acceleration = spline_derivatives(time, values)[order]
             return np.asarray(np.einsum("tij,ti->tj", R, acceleration - gravity))
-    raise LogError(
-        "the log has no acceleration of the base: give the specific force of an IMU "
-        f"({CHANNELS['specific_force'][0]} ...), or orientation with velocity or position"
-    )
+    raise refusal("no_acceleration", column=CHANNELS["specific_force"][0])
 
 
 def _check_contacts(log: BaseLog, base: FloatingBase) -> None:
     """Raise LogError for contacts that the robot does not have, and for those not logged."""
     for link in log.contacts:
         if link not in {*base.contact_links, *log.wrenches}:
-            raise LogError(
-                f"contacts: {unknown_name('contact', link, base.contact_links)}; the force of a "
-                "contact that load_robot(contacts=[...]) does not name would count as none",
-                "contacts=",
-            )
+            unknown = unknown_name("contact", link, base.contact_links)
+            raise refusal("unknown_contact", unknown=unknown)
     for link in log.wrenches:
         if link not in base.frames:
             raise LogError(f"wrenches: {unknown_name('link', link, base.frames)}")
     if silent := log.unflagged(base.contact_links):
-        raise LogError(
-            f"the log does not say when {', '.join(silent)} of contacts= touch the ground: add the "
-            f"column {contact_columns(silent[0])[0]} (1 on the ground, 0 in the air) or a "
-            "measured wrench, in the air all the time 0; or find it from torques and motion: "
-            "seaid.legged.find_contacts(robot, log), --find-contacts",
-            "contacts=",
-        )
+        column = contact_columns(silent[0])[0]
+        raise refusal("unflagged_contact", links=", ".join(silent), column=column)
 
 
 def _velocity(log: BaseLog, time: Array, R: Array | None) -> Array | None:
@@ -541,10 +507,7 @@ def _turning(log: BaseLog, time: Array, imu: ImuMotion) -> tuple[Array | None, A
         if log.angular_velocity is None:
             return R, quaternion_rates(p, time)
     if log.angular_velocity is None:
-        raise LogError(
-            "the log has no rotation of the base: give the angular velocity of an IMU "
-            f"({CHANNELS['angular_velocity'][0]} ...), or its orientation"
-        )
+        raise refusal("no_rotation", column=CHANNELS["angular_velocity"][0])
     # w_IMU = w_base + w of the IMU against the base, by the joints between them.
     return R, (imu.rotation @ log.angular_velocity[:, :, None])[:, :, 0] - imu.angular_velocity
 
@@ -569,18 +532,9 @@ def _check_gravity(force: Array) -> None:
     typical = max(float(np.median(size)), float(np.linalg.norm(np.mean(force, axis=0))))
     # Three quantiles, because the median alone of an acceleration without gravity may be near one.
     if np.all(np.abs(np.quantile(size, _MOST) - 1) < _ABOUT_ONE):
-        raise LogError(
-            f"the specific force of the base has a median of {typical:.2g}, that of a robot on the "
-            "ground is about 9.81 m/s^2: it is in g; in the description of the log give it scale = "
-            "9.81"
-        )
+        raise refusal("in_g", typical=typical)
     if typical < _GRAVITY_FREE:
-        raise LogError(
-            f"the specific force of the base is {typical:.2g} m/s^2 or less on average, that of a "
-            "robot on the ground about 9.81: the IMU took gravity out of it; log the raw "
-            "accelerometer, or name it acceleration (with its frame) in [base] of the description "
-            "of the log, which needs the orientation"
-        )
+        raise refusal("no_gravity", typical=typical)
 
 
 _PERIODS = 2.0

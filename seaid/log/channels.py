@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError
+from seaid.log.refusals import refusal
 
 
 def _table_of(file: str) -> dict[str, Any]:
@@ -109,16 +109,11 @@ class Quantity:
         """Return the SI unit of a joint."""
         return (is_prismatic and self.prismatic_unit) or self.unit
 
-    def column(self, joint: str, is_prismatic: bool) -> str:
-        """Return the name of the column of a joint."""
+    def columns(self, owner: str, is_prismatic: bool = False) -> tuple[str, ...]:
+        """Return the names of its columns in a file, of a joint, of the base or of a contact."""
         unit = self.unit_of(is_prismatic)
-        return (
-            f"{joint}.{self.name.replace('torque', 'force') if unit == 'N' else self.name}_{unit}"
-        )
-
-    def columns(self, owner: str) -> tuple[str, ...]:
-        """Return the names of the columns of the base or of a contact."""
-        parts = [[self.name, axis, self.unit] for axis in self.axes or [""]]
+        name = self.name.replace("torque", "force") if unit == "N" else self.name
+        parts = [[name, axis, unit] for axis in self.axes or [""]]
         return tuple(f"{owner}.{'_'.join(filter(None, words))}" for words in parts)
 
 
@@ -152,13 +147,8 @@ def contact_columns(link: str) -> tuple[str, tuple[str, ...]]:
 
 
 def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
-    """Return {column name in a file: field of `Log`} of one joint."""
-    return {row.column(joint, is_prismatic): name for name, row in OF_JOINTS.items()}
-
-
-def column_name(joint: str, is_prismatic: bool, field: str) -> str:
-    """Return the column name in a file of one field of `Log` of one joint."""
-    return OF_JOINTS[field].column(joint, is_prismatic)
+    """Return {field of `Log`: column name in a file} of one joint."""
+    return {name: row.columns(joint, is_prismatic)[0] for name, row in OF_JOINTS.items()}
 
 
 def short_name(name: str) -> str:
@@ -196,18 +186,13 @@ def check_finite(about: str, values: Array, advice: str = "drop the sample") -> 
     """Raise LogError for samples (T,) or (T, k) that are NaN or infinite, naming the first one."""
     bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
     if len(bad):
-        raise LogError(
-            f"{about} is not finite in {len(bad)} of {len(values)} samples, the first in sample "
-            f"{bad[0]}: {advice}, or repair the log with repair=seaid.Repairs()",
-            "repair=seaid.Repairs()",
-        )
+        size = {"bad": len(bad), "count": len(values)}
+        raise refusal("not_finite", about=about, row=bad[0], advice=advice, **size)
 
 
 def check_size(about: str, values: Array, largest: float) -> None:
     """Raise LogError for finite samples (T,) beyond what any sensor measures."""
     beyond = np.flatnonzero(np.abs(np.nan_to_num(values, posinf=0, neginf=0)) > largest)
     if len(beyond):
-        raise LogError(
-            f"{about} has {values[beyond[0]]:.4g} in sample {beyond[0]}, allowed is up to "
-            f"{largest:.0e}: no sensor measures that; remove the sample"
-        )
+        value, row = values[beyond[0]], beyond[0]
+        raise refusal("too_large", about=about, value=value, row=row, largest=largest)

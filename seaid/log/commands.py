@@ -16,8 +16,9 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import COMMANDS, Drive
 from seaid.errors import LogError
-from seaid.log.channels import column_name
+from seaid.log.channels import column_names
 from seaid.log.filtering import low_pass, spline_derivatives
+from seaid.log.refusals import refusal
 from seaid.robot import at_drives
 
 if TYPE_CHECKING:
@@ -136,10 +137,8 @@ def relative_supply(robot: Robot, time: Array, signals: Mapping[str, Array], ind
         raise _missing(robot, index, "supply_voltage")
     if np.min(supply[:, index]) <= 0:
         row = int(np.argmin(supply[:, index]))
-        raise LogError(
-            f"the supply voltage of '{robot.joint_names[index]}' is {supply[row, index]:.4g} V at "
-            f"{time[row]:.6g} s: it must be more than zero; check its column and unit"
-        )
+        joint, voltage = robot.joint_names[index], supply[row, index]
+        raise refusal("no_supply", joint=joint, supply=voltage, time=time[row])
     return np.asarray(supply[:, index] / law.nominal_supply_V)
 
 
@@ -147,10 +146,8 @@ def _missing(robot: Robot, index: int, field: str) -> LogError:
     """Return the error of a log without a column that the controller of a drive needs."""
     joint = robot.joint_names[index]
     key = "nominal_supply_V" if field == "supply_voltage" else f'motor_input = "{field}"'
-    return LogError(
-        f"the drive of '{joint}' has {key}, and the log has no column "
-        f"'{column_name(joint, robot.is_prismatic[index], field)}'"
-    )
+    column = column_names(joint, robot.is_prismatic[index])[field]
+    return refusal("no_command", joint=joint, key=key, column=column)
 
 
 def _below_nyquist(time: Array, command: Array, part: int) -> Callable[[Array], Array]:

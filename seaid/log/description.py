@@ -27,6 +27,7 @@ from seaid.log.channels import (
     units_of,
 )
 from seaid.log.readers.table import MOST_COLUMNS, Block
+from seaid.log.refusals import refusal
 from seaid.log.repair import Repairs
 from seaid.log.tables import Interval, Reader, Within, types_of
 
@@ -528,30 +529,21 @@ def _expanded(where: str, value: Any) -> tuple[str, ...]:
 
 def _check_source(where: str, row: Quantity, source: Source) -> None:
     """Raise LogError for keys that do not fit together or do not fit the quantity."""
-    unit = source.unit
+    unit, units = source.unit, sorted(units_of(row.kind))
     counts = (source.counts_per_turn, source.counts_per_m)
     is_current = row.kind == "torque" and unit in UNIT_FACTORS["A"]
-    units = sorted(units_of(row.kind))
     count, is_whole = len(source.columns), row.name not in _PLANAR
     faults = {
-        "needs column (or, for a voltage, servo instead)": bool(count) == bool(source.servo),
+        "column_or_servo": bool(count) == bool(source.servo),
         # How many of them a planar base needs is known with the robot, see `sources`.
-        f"has {counted(count, 'column')}, needs {row.width}": (
-            count > row.width or 0 < count * is_whole < row.width
-        ),
-        unknown_name("unit of this quantity", unit, units): unit not in (None, *units),
-        "unit 'counts' and counts_per_turn (or counts_per_m) go together": (
-            (unit == "counts") != (counts.count(None) == 1)
-        ),
-        "a torque from a current needs unit 'A' or 'mA' and torque_constant_Nm_per_A; where the "
-        "constant is not known, name it motor_current": (
-            is_current != (source.torque_constant_Nm_per_A is not None)
-        ),
-        f"sign must be 1 or -1, found {source.sign}": source.sign not in (1, -1),
-        "wraps is a constant period: times must be a number, not a column": (
-            source.wraps is not None and isinstance(source.times, str)
-        ),
+        "other_count": count > row.width or 0 < count * is_whole < row.width,
+        "no_unit": unit not in (None, *units),
+        "counts": (unit == "counts") != (counts.count(None) == 1),
+        "torque_constant": is_current != (source.torque_constant_Nm_per_A is not None),
+        "no_sign": source.sign not in (1, -1),
+        "no_period": source.wraps is not None and isinstance(source.times, str),
     }
-    for fault, is_there in faults.items():
-        if is_there:
-            raise LogError(f"{where}: {fault}")
+    for code in (code for code, is_there in faults.items() if is_there):
+        unknown = unknown_name("unit of this quantity", unit, units)
+        values = {"width": row.width, "unknown": unknown, "sign": source.sign}
+        raise refusal(code, where=where, columns=counted(count, "column"), **values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from io import BytesIO
@@ -20,6 +20,7 @@ from seaid.errors import LogError, checked, listed
 from seaid.log import channels
 from seaid.log.base_log import BaseLog, base_log
 from seaid.log.readers.array_files import write_hdf5, write_parquet
+from seaid.log.refusals import refusal
 from seaid.log.repair import Repair
 
 if TYPE_CHECKING:
@@ -27,14 +28,14 @@ if TYPE_CHECKING:
 
 
 def columns_by_joint(system: Robot | Log) -> dict[str, dict[str, str]]:
-    """Return {joint: {column name in a file: field of `Log`}} of a robot or of a log."""
+    """Return {joint: {field of `Log`: column name in a file}} of a robot or of a log."""
     names = system.joint_names
     return dict(zip(names, map(channels.column_names, names, system.is_prismatic), strict=True))
 
 
 def own_names(robot: Robot) -> set[str]:
     """Return the names of the columns that a log has of a robot's joints, the short ones too."""
-    names = {*chain.from_iterable(columns_by_joint(robot).values())}
+    names = {*chain(*(columns.values() for columns in columns_by_joint(robot).values()))}
     return names | {channels.short_name(name) for name in names}
 
 
@@ -63,7 +64,7 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
 def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
     """Return what is wrong with names of a file that are nearly those of a joint's columns."""
     columns, expected = columns_by_joint(robot), own_names(robot)
-    quantities = {*channels.column_names("", False), *channels.column_names("", True)}
+    quantities = {*chain(*(channels.column_names("", x).values() for x in (False, True)))}
     still = {*robot.standing_joints, *(joint.name for joint in robot.dependent_joints)}
     missing, faults = expected - {*file_names}, []
     for name in file_names[:_COMPARED]:
@@ -179,10 +180,7 @@ class Log(Display):
         if not self.is_prismatic:
             object.__setattr__(self, "is_prismatic", (False,) * shape[1])
         if len(self.is_prismatic) != shape[1]:
-            raise LogError(
-                f"is_prismatic needs one entry per joint, {shape[1]}, found "
-                f"{len(self.is_prismatic)}"
-            )
+            raise refusal("other_is_prismatic", count=shape[1], given=len(self.is_prismatic))
         if self.base is not None:
             for name, column in self.base.columns().items():
                 if len(column) != shape[0]:
@@ -220,32 +218,25 @@ class Log(Display):
 
     def columns(self) -> dict[str, Array]:
         """Return {column name in a file: samples (T,)} of all sensors that the log has."""
-        columns: dict[str, Array] = {}
-        for joint, fields in columns_by_joint(self).items():
-            logged = self.logged(joint)
-            columns |= {name: logged[field] for name, field in fields.items() if field in logged}
-        return columns
+        return {
+            columns[field]: samples
+            for joint, columns in columns_by_joint(self).items()
+            for field, samples in self.logged(joint).items()
+        }
 
     def sources(self) -> dict[str, dict[str, Any]]:
         """Return {joint: {quantity: its column, or its entry in the description}} of the log."""
         if self.description is not None:
             described = self.description["joints"]
             return {joint: dict(described.get(joint, {})) for joint in self.joint_names}
-        logged = self.columns()
         return {
-            joint: {field: name for name, field in names.items() if name in logged}
-            for joint, names in columns_by_joint(self).items()
+            joint: {field: columns[field] for field in self.logged(joint)}
+            for joint, columns in columns_by_joint(self).items()
         }
 
 
 _COARSE = 0.1
 """Share of repeated stamps above which they are said to have too few digits."""
-
-_TOO_FEW_DIGITS = (
-    "; if the stamps have too few digits (seconds since 1970 need 13), write more, or, if the "
-    "samples are equidistant, give their rate in the description of the log: time = { rate_hz = "
-    "... }, as seaid.describe_log writes it with rate_hz="
-)
 
 
 def _check_time(time: Array) -> None:
@@ -253,10 +244,7 @@ def _check_time(time: Array) -> None:
         raise LogError(f"a log needs {MINIMUM_SAMPLES} samples or more, found {len(time)}")
     channels.check_finite("time_s", time)
     if np.max(np.abs(time)) > _LATEST_S:
-        raise LogError(
-            f"time_s runs from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to "
-            f"{_LATEST_S:.0e}: is it in another unit?"
-        )
+        raise refusal("time_too_large", start=time[0], end=time[-1], most=_LATEST_S)
     steps = np.diff(time)
     for word, bad in (("goes backwards", steps < 0), ("repeats", steps == 0)):
         if np.any(bad):
@@ -264,12 +252,9 @@ def _check_time(time: Array) -> None:
             is_coarse = word == "repeats" and np.mean(bad) > _COARSE
             remedy = "sort or drop these samples, or repair them with repair=seaid.Repairs()"
             remedy = "it is constant" if np.all(steps == 0) else remedy
-            raise LogError(
-                f"time_s {word} at sample {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s; "
-                f"{int(bad.sum())} such places); it must increase: {remedy}"
-                f"{_TOO_FEW_DIGITS if is_coarse else ''}",
-                *("repair=seaid.Repairs()", "seaid.describe_log", "rate_hz="),
-            )
+            stamps = {"before": time[row - 1], "time": time[row], "count": int(bad.sum())}
+            hint = str(refusal("too_few_digits")) if is_coarse else ""
+            raise refusal("no_increase", word=word, row=row, remedy=remedy, hint=hint, **stamps)
 
 
 _NEEDED = channels.SENSORS[:4]
@@ -282,11 +267,14 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
     nothing = np.full((len(time), robot.n), np.nan)
     sensors: dict[str, Any] = {field: nothing.copy() for field in _NEEDED}
     seen = {name: values for name, values in picked.items() if not np.all(np.isnan(values))}
-    for index, (joint, names) in enumerate(columns_by_joint(robot).items()):
-        logged = {name: field for name, field in names.items() if name in seen}
-        for name, field in logged.items():
-            sensors.setdefault(field, nothing.copy())[:, index] = seen[name]
-        _check_sensors(robot, joint, logged, picked, file_names)
+    logged = {
+        joint: {field: seen[name] for field, name in names.items() if name in seen}
+        for joint, names in columns_by_joint(robot).items()
+    }
+    _check_sensors(robot, logged, picked, file_names)
+    for index, samples in enumerate(logged.values()):
+        for field, values in samples.items():
+            sensors.setdefault(field, nothing.copy())[:, index] = values
     if not robot.base_is_held:
         sensors["base"] = base_log(seen, robot)
     return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
@@ -303,26 +291,35 @@ _NEEDS = {
 """{whether a joint is elastic: what its log needs}."""
 
 
-def _check_sensors(
-    robot: Robot, joint: str, logged: Mapping[str, str], picked: Iterable[str], names: Sequence[str]
-) -> None:
-    """Raise LogError if {column: field} of a joint are too few for its drive."""
-    elastic, fields = robot.drives[joint].is_elastic, {*logged.values()}
-    # The six equations of a floating base have no motor torque, so that motion alone is of use.
-    is_enough = not robot.base_is_held or fields - _NO_TORQUES
+def _are_enough(fields: Set[str], is_elastic: bool, may_lack_torque: bool) -> bool:
+    """Return whether the sensors of a joint are enough for its drive."""
     # An elastic joint without its own encoder is identified from the motor's side alone.
-    needs_both = elastic and not {"motor_position", "motor_torque"} <= fields
-    if len(fields & {"motor_position", "joint_position"}) <= needs_both or not is_enough:
-        columns = channels.column_names(joint, robot.is_prismatic[robot.index(joint)])
-        missing = [column for column in columns if column not in logged]
-        advice = f"its columns are {', '.join(columns)}{near_names(missing, picked, names)}"
+    needs_both = is_elastic and not {"motor_position", "motor_torque"} <= fields
+    has_positions = len(fields & {"motor_position", "joint_position"}) > needs_both
+    return has_positions and bool(may_lack_torque or fields - _NO_TORQUES)
+
+
+def _check_sensors(
+    robot: Robot,
+    logged: Mapping[str, Mapping[str, Array]],
+    picked: Iterable[str],
+    names: Sequence[str],
+) -> None:
+    """Raise LogError for the first joint of which {joint: {field: samples}} has too few fields."""
+    has_torque = any(fields.keys() - _NO_TORQUES for fields in logged.values())
+    for joint, columns in columns_by_joint(robot).items():
+        fields, elastic = logged[joint].keys(), robot.drives[joint].is_elastic
+        # The six equations of a floating base have no motor torque, and a joint next to those that
+        # are driven may have no motor: motion alone is of use.
+        if _are_enough(fields, elastic, not robot.base_is_held or (has_torque and not elastic)):
+            continue
+        missing = [column for field, column in columns.items() if field not in fields]
+        known = ", ".join(columns.values())
+        advice = f"its columns are {known}{near_names(missing, picked, names)}"
         if own_names(robot).isdisjoint(names):
             advice = f"its description names columns of the file, which are {listed(names)}"
-        raise LogError(
-            f"joint '{joint}' needs {_NEEDS[elastic]}, "
-            f"found {', '.join(logged.values()) or 'none'}",
-            advice=advice,
-        )
+        what = f"needs {_NEEDS[elastic]}, found {listed(fields) or 'none'}"
+        raise LogError(f"joint '{joint}' {what}", advice=advice)
 
 
 @checked(LogError)
@@ -350,9 +347,7 @@ def write_log(log: Log, path: str | Path) -> None:
     path = Path(path)
     write = _WRITERS.get(path.suffix.lower())
     if write is None:
-        raise LogError(
-            f"'{path}': cannot write '{path.suffix}' logs; allowed: {', '.join(_WRITERS)}"
-        )
+        raise refusal("no_writer", path=path, suffix=path.suffix, allowed=", ".join(_WRITERS))
     base = log.base.columns() if log.base is not None else {}
     write(path, {"time_s": log.time, **log.columns(), **base})
 

@@ -26,6 +26,7 @@ from seaid.log.filtering import (
     select_cutoff,
     spline_derivatives,
 )
+from seaid.log.refusals import refusal
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
@@ -508,10 +509,8 @@ def _check_joints(robot: Robot, log: Log) -> None:
     """Raise LogError for a log without a joint of the robot."""
     missing = [joint for joint in robot.joint_names if joint not in log.joint_names]
     if missing:
-        raise LogError(
-            f"the log has no joint {', '.join(missing)} of '{robot.name}'; "
-            f"its joints: {', '.join(log.joint_names)}"
-        )
+        logged = ", ".join(log.joint_names)
+        raise refusal("no_such_joint", missing=", ".join(missing), robot=robot.name, joints=logged)
 
 
 def is_regular(time: Array) -> bool:
@@ -575,11 +574,9 @@ def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
         if rank < len(lacking) == len(group) == 1:
             raise LogError(f"joint '{names[group[0]]}' has no position in the log")
         if rank < len(lacking):
-            raise LogError(
-                f"the drives of {listed(names[group])} are coupled, and the log has no joint "
-                f"position of {listed(names[lacking])}; the motor positions of stiff drives in the "
-                f"log do not replace it: {listed(names[drives]) or 'none'}"
-            )
+            logged = listed(names[drives]) or "none"
+            coupled = {"drives": listed(names[group]), "joints": listed(names[lacking])}
+            raise refusal("coupled_without_position", logged=logged, **coupled)
 
 
 _TURNS = "the positions of coupled joints"
@@ -587,15 +584,10 @@ _TURNS = "the positions of coupled joints"
 
 def _check_elastic(joint: str, is_unseen: bool, is_blind: bool) -> None:
     """Raise LogError for an elastic joint without the position of the joint or of the motor."""
-    if is_unseen or is_blind:
-        hint = (
-            "; with motor angle and motor torque alone, identify needs the log in memory, "
-            "of read_log and not in pieces"
-        )
-        raise LogError(
-            f"elastic joint '{joint}' needs its {'joint' if is_unseen else 'motor'} position in "
-            f"the log{hint if is_unseen and not is_blind else ''}"
-        )
+    if is_unseen and not is_blind:
+        raise refusal("motor_side_alone", joint=joint)
+    if is_blind:
+        raise refusal("no_side", joint=joint, side="joint" if is_unseen else "motor")
 
 
 def _both_sides(robot: Robot, signal: Array) -> tuple[Array, Array]:
@@ -613,17 +605,9 @@ def _both_sides(robot: Robot, signal: Array) -> tuple[Array, Array]:
 def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:
     """Raise LogError for a cutoff that is not between zero and half of the sampling rate."""
     if not 0 < cutoff_hz < rate_hz / 2:
-        raise LogError(
-            f"cutoff_hz must be between 0 and half the sampling rate, {rate_hz / 2:.4g} Hz, "
-            f"found {cutoff_hz}",
-            "cutoff_hz",
-        )
+        raise refusal("cutoff_beyond_nyquist", nyquist_hz=rate_hz / 2, cutoff_hz=cutoff_hz)
 
 
 def _check_duration(cutoff_hz: float, duration_s: float, fewest: float = FEWEST_PERIODS) -> None:
     if duration_s * cutoff_hz < fewest:
-        raise LogError(
-            f"the log is too short: {duration_s:.3g} s are fewer than {fewest:g} periods of the "
-            f"cutoff, {cutoff_hz:.3g} Hz; record more, or raise cutoff_hz",
-            "cutoff_hz",
-        )
+        raise refusal("too_short", duration_s=duration_s, fewest=fewest, cutoff_hz=cutoff_hz)

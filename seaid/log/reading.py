@@ -24,6 +24,7 @@ from seaid.log.description import Described, LogDescription, description_for
 from seaid.log.log import WRITTEN, Log, columns_by_joint, unread_columns, write_log
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block
+from seaid.log.refusals import refusal
 from seaid.log.repair import FEWEST, Channel, Repair, Repairs, Report
 from seaid.log.repair.channels import bridged_s, in_gap, on_time, repaired_channel, resampled
 from seaid.log.repair.clocks import (
@@ -204,14 +205,11 @@ def _check_alive(log: Log) -> None:
     """Raise LogError for a constant position of a joint whose other position moves."""
     logged = log.columns()
     for names in columns_by_joint(log).values():
-        positions = [name for name in names if name in logged and "_position_" in name]
+        positions = [names[x] for x in ("motor_position", "joint_position") if names[x] in logged]
         still = [name for name in positions if is_constant(logged[name])]
         if len(positions) == 2 and len(still) == 1:
             value = logged[still[0]][0]
-            raise LogError(
-                f"'{still[0]}' is {value:.6g} all the time while the other side of the joint "
-                "moves: the sensor is broken, or the drive was off; name another column"
-            )
+            raise refusal("dead_sensor", column=still[0], value=value)
 
 
 def _warn_of_columns(
@@ -221,8 +219,8 @@ def _warn_of_columns(
     logged, used = log.columns(), described.columns()
     faults = [
         f"'{name}' is NaN throughout and counts as not logged"
-        for joint, fields in columns_by_joint(robot).items()
-        for name, field in fields.items()
+        for joint, columns in columns_by_joint(robot).items()
+        for field, name in columns.items()
         if field != "deflection" and field in described.joints.get(joint, {}) and name not in logged
     ]
     faults += unread_columns(robot, [name for name in names if name not in used])

@@ -11,7 +11,6 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +27,13 @@ from seaid.log.channels import (
     TEMPERATURES,
     UNIT_FACTORS,
     Quantity,
-    column_name,
+    column_names,
     short_name,
 )
 from seaid.log.description import Clock, Key, LogDescription, Servo, Source, unit_size
 from seaid.log.log import Log, columns_by_joint, near_names, own_names, sorted_log
 from seaid.log.readers.table import Block, Table, check_lengths
+from seaid.log.refusals import refusal
 from seaid.log.repair import Channel, Repair
 from seaid.robot import FloatingBase, Robot, coupled_names
 
@@ -116,13 +116,10 @@ def selected(path: Path, table: Table, description: LogDescription, robot: Robot
     Raises LogError for a file without any quantity of a joint.
     """
     if not description.joints:
-        names = [name for names in columns_by_joint(robot).values() for name in names]
+        names = [name for names in columns_by_joint(robot).values() for name in names.values()]
         found = "; ".join(filter(None, [listed(table.names), table.notice]))
-        raise LogError(
-            f"'{path}' has no column of this robot; expected names as '{names[0]}' (custom columns "
-            f"need {DESCRIBED}), found: {found}{near_names(names, (), table.names)}",
-            DESCRIBED,
-        )
+        near = near_names(names, (), table.names)
+        raise refusal("no_own_column", path=path, name=names[0], columns=found, near=near)
     _check_owners(path, description, robot)
     described = tuple(_quantities(path, table, description, robot))
     where = description.where and table.in_file_of(description.where, described[0].source.used)
@@ -262,7 +259,7 @@ def _own_sources(
     for name, row in rows.items():
         if key[0] == "joints":
             # The long name first: a file with both has the joint's own under it.
-            long = row.column(key[1], _is_prismatic(robot, key[1]))
+            (long,) = row.columns(key[1], _is_prismatic(robot, key[1]))
             columns = [long] if long in table.names else [*{short_name(long)}.difference(used)]
         else:
             is_own = name != "angle" or moving_base(robot).normal is not None
@@ -321,10 +318,10 @@ def _names(where: str, key: Key, row: Quantity, source: Source, robot: Robot) ->
     """
     if key[0] != "joints":
         return _names_of_vector(where, row.columns(key[-1]), row, source, moving_base(robot))
-    own = row.column(key[1], _is_prismatic(robot, key[1]))
-    is_of_spring = row.name == "deflection" and source != Source((own,))
-    spring = f"{key[1]}.deflection_{_unit_of(robot, key[1], row.name)}"
-    return (spring if is_of_spring else own,)
+    own = row.columns(key[1], _is_prismatic(robot, key[1]))
+    if row.name != "deflection" or source == Source(own):
+        return own
+    return (f"{key[1]}.deflection_{_unit_of(robot, key[1], row.name)}",)
 
 
 def _names_of_vector(
@@ -371,8 +368,10 @@ def both_sides(picked: Block, robot: Robot, of_springs: Collection[str] = ()) ->
     """
     samples = dict(picked)
     for index, joint in enumerate(robot.joint_names):
-        drive, name_of = robot.drives[joint], partial(column_name, joint, robot.is_prismatic[index])
-        motor, load, own = map(name_of, ("motor_position", "joint_position", "deflection"))
+        drive, columns = robot.drives[joint], column_names(joint, robot.is_prismatic[index])
+        motor, load, own = map(
+            columns.__getitem__, ("motor_position", "joint_position", "deflection")
+        )
         has_both = {motor, load} <= samples.keys()
         deflection = _of_spring(samples, robot, joint, own, has_both, of_springs)
         behind_gear = drive.motor_radius / drive.ratio
@@ -386,10 +385,7 @@ def both_sides(picked: Block, robot: Robot, of_springs: Collection[str] = ()) ->
         elif motor in samples:
             samples[load] = (behind_gear * samples[motor] - deflection) / drive.load_radius
         else:
-            raise LogError(
-                f"joint '{joint}': a deflection determines the other side of the spring only "
-                "together with motor_position or joint_position"
-            )
+            raise refusal("deflection_alone", joint=joint)
     return samples
 
 
@@ -414,10 +410,7 @@ def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
     """Raise LogError for a joint whose drive is coupled with other joints."""
     is_coupled = joint in coupled_names(robot.joint_names, robot.transmission)
     if is_coupled or robot.drives[joint].angle_ratio is not None:
-        raise LogError(
-            f"the drive of joint '{joint}' moves several joints or moves it by a factor: "
-            f"{consequence}; give motor_position and joint_position as measured"
-        )
+        raise refusal("coupled_drive", joint=joint, consequence=consequence)
 
 
 def _clock_of(where: str, table: Table, description: LogDescription, source: Source) -> Clock:
@@ -428,12 +421,7 @@ def _clock_of(where: str, table: Table, description: LogDescription, source: Sou
     clock = source.time or description.time or of_file
     if clock is None:
         _checked_columns(where, columns, table)
-        raise LogError(
-            f"{where}: {table.missing('time_s')}; custom columns need {DESCRIBED}, and the time is "
-            'named in the description of the log as time = "...", or has a constant rate, '
-            "time = { rate_hz = ... }",
-            DESCRIBED,
-        )
+        raise refusal("no_time", where=where, missing=table.missing("time_s"))
     if clock.column is None:
         return clock
     rest = clock.nanoseconds and table.in_file_of(clock.nanoseconds, columns)
@@ -516,12 +504,6 @@ def _check_turnable(turned: Sequence[str], picked: Mapping[str, Array], robot: R
     base = moving_base(robot)
     if not set(CHANNELS["orientation"]) <= set(picked):
         kind = turned[0].removeprefix("base.").rsplit("_in_", 1)
-        raise LogError(
-            f"the {kind[0]} of the base in the frame of the {kind[1][:-2]} needs the orientation "
-            "of the base too: name it in [base]"
-        )
+        raise refusal("no_orientation", quantity=kind[0], frame=kind[1][:-2])
     if not base.imu_is_fixed and any("velocity_in_base" not in name for name in turned):
-        raise LogError(
-            f"a joint moves the IMU at '{base.imu_link}': its angular velocity and specific force "
-            'must be those of its own frame, without frame = "world" and with gravity'
-        )
+        raise refusal("imu_moves", link=base.imu_link)

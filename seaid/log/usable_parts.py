@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, resolution, runs, white_noise
-from seaid.errors import LogError
 from seaid.log.channels import quantity_of
+from seaid.log.filtering import runs_that
 from seaid.log.log import MINIMUM_SAMPLES, Log
+from seaid.log.refusals import refusal
 from seaid.log.repair import Repair
 from seaid.log.repair.clocks import longest_bridge, typical_step
 
@@ -34,9 +35,6 @@ _NOISES, _STEPS, _SHARE, _TORQUE_SHARE = 6.0, 1.5, 0.002, 0.05
 """A channel rests while it is within so many standard deviations of its noise, steps of its
 resolution, or this share of its range: of a position, of a torque. A robot that stands still while
 its torques change is not at rest: friction holds it, which is part of the experiment."""
-
-_SOME = 4
-"""Every so many samples show whether a channel has coarse steps, without sorting all of them."""
 
 _SMOOTHED_S = 0.1
 """Moving average of the torques [s], which are noisy, before they are compared."""
@@ -84,10 +82,7 @@ def _rests_s(time: Array, name: str, values: Array) -> tuple[float, float]:
     """Return the time [s] that a channel rests before its first and after its last motion."""
     window = max(1, round(_SMOOTHED_S / typical_step(time)))
     share, count = (_SHARE, 1) if quantity_of(name).is_position else (_TORQUE_SHARE, window)
-    least = share * float(np.ptp(values))
-    # its 5th percentile of n steps is at most ptp / 0.95 n
-    if len(np.unique(values[::_SOME])) < 1.1 * _STEPS / share:
-        least = max(_STEPS * resolution(values), least)
+    least = max(_STEPS * resolution(values), share * float(np.ptp(values)))
     # Reversed in time with negative stamps: these increase, and the end is at the start.
     after = _rest_s(-time[::-1], values[::-1], least, count)
     return _rest_s(time, values, least, count), after
@@ -100,18 +95,11 @@ def _rest_s(time: Array, values: Array, least: float, count: int) -> float:
     """
     first = values[: max(3, int(np.searchsorted(time, time[0] + REST_S)))]
     noise = white_noise(first, robust=True) / np.sqrt(count)  # of a mean of `count` samples
-    means = _moving_mean(values, min(count, len(values)))
-    moved = np.abs(means - np.mean(first)) > max(_NOISES * noise, least)
-    return float(time[np.argmax(moved)] - time[0]) if np.any(moved) else np.inf
-
-
-def _moving_mean(values: Array, count: int) -> Array:
-    """Return the means of `count` samples about each of a channel (T,), of fewer at its ends."""
-    first = np.maximum(np.arange(len(values)) - count // 2, 0)
-    last = np.minimum(first + count, len(values))
-    # Less the first value, since a large mean would cost the sums their digits.
-    sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
-    return np.asarray(values[0] + (sums[last] - sums[first]) / (last - first))
+    count = min(count, len(values))
+    means = np.convolve(values - np.mean(first), np.full(count, 1 / count), "valid")
+    moved = np.abs(means) > max(_NOISES * noise, least)
+    # A mean is that about the middle of its samples.
+    return float(time[np.argmax(moved) + count // 2] - time[0]) if np.any(moved) else np.inf
 
 
 def without_frozen(log: Log) -> Log:
@@ -123,10 +111,7 @@ def without_frozen(log: Log) -> Log:
     repairs = [_frozen_repair(name, log.time, frozen) for name, frozen in masks.items()]
     bad = np.any([*masks.values()], axis=0)
     if np.mean(bad) > MOST_EXCLUDED:
-        raise LogError(
-            f"channels of the log are frozen in {np.mean(bad):.0%} of its samples, allowed "
-            f"{MOST_EXCLUDED:.0%}; {repairs[0]}"
-        )
+        raise refusal("too_often_frozen", share=np.mean(bad), most=MOST_EXCLUDED, first=repairs[0])
     return replace(log.at(~bad), report=(*log.report, *repairs))
 
 
@@ -151,13 +136,9 @@ def _frozen(log: Log, name: str, values: Array) -> BoolArray:
 
 def _long_repeats(time: Array, values: Array) -> BoolArray:
     """Return the mask (T,) of samples that repeat a value for longer than gaps are bridged."""
-    repeats = np.zeros(len(values), dtype=bool)
+    longest_s, repeats = longest_bridge(time), np.concatenate([[False], np.diff(values) == 0.0])
     # A run begins at the second of equal values; the first is a measurement, hence `start` - 1.
-    spans = runs(np.concatenate([[False], np.diff(values) == 0.0]))
-    long = time[spans[:, 1] - 1] - time[spans[:, 0] - 1] > longest_bridge(time)
-    for start, end in spans[long]:
-        repeats[start:end] = True
-    return repeats
+    return runs_that(lambda start, end: time[end - 1] - time[start - 1] > longest_s, repeats)
 
 
 def _frozen_positions(values: Array, repeated: BoolArray) -> BoolArray:
@@ -168,15 +149,16 @@ def _frozen_positions(values: Array, repeated: BoolArray) -> BoolArray:
     """
     changes = np.abs(np.diff(values))
     usual, large = np.percentile(changes[changes > 0.0], (50, 99)) if np.any(changes) else (0, 0)
-    frozen = repeated.copy()
-    for start, end in runs(repeated):
-        before = values[max(start - 1 - _BEFORE, 0) : start]
+
+    def is_frozen(start: int, end: int) -> bool:
+        if end < len(values):
+            return bool(changes[end - 1] > _JUMP * large)
         # At the end of a log there is no jump: a position is frozen there if it stops from full
         # speed.
-        stops = len(before) > _BEFORE and abs(before[-1] - before[0]) > _BEFORE * usual
-        jumps = end < len(values) and abs(values[end] - values[end - 1]) > _JUMP * large
-        frozen[start:end] = jumps or (end == len(values) and stops)
-    return frozen
+        before = values[max(start - 1 - _BEFORE, 0) : start]
+        return len(before) > _BEFORE and bool(abs(before[-1] - before[0]) > _BEFORE * usual)
+
+    return runs_that(is_frozen, repeated)
 
 
 _BEFORE = 8
@@ -193,9 +175,8 @@ def _frozen_torques(values: Array, repeated: BoolArray, positions: list[Array]) 
     if np.mean(repeated) > MOST_EXCLUDED or np.sum(changes == 0.0) >= _REPEATS * len(changes):
         return np.zeros_like(repeated)
     frozen = repeated & ~np.isin(values, [0.0, np.min(values), np.max(values)])
-    for start, end in runs(frozen):
-        frozen[start:end] = any(np.ptp(x[start:end]) > _MOVES * np.ptp(x) for x in positions)
-    return frozen
+    least = [(x, _MOVES * np.ptp(x)) for x in positions]
+    return runs_that(lambda start, end: any(np.ptp(x[start:end]) > y for x, y in least), frozen)
 
 
 MOST_EXCLUDED = 0.5
@@ -217,10 +198,7 @@ def check_whole(log: Log) -> None:
     """Raise LogError naming the first hole of a log, if it has any."""
     gaps = holes(log.time)
     if len(gaps):
-        raise LogError(
-            f"the log has holes in time ({len(gaps)} found, the first of {hole_text(gaps[0])}), in "
-            "which the motion is unknown: take a part without one, log.between(start_s, end_s)"
-        )
+        raise refusal("holes", count=len(gaps), first=hole_text(gaps[0]))
 
 
 def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
@@ -242,12 +220,8 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
     excluded = 1.0 - sum(float(x[-1] - x[0]) for x in compress(spans, is_used)) / whole
     worst = hole_text(gaps[np.argmax(np.diff(gaps)[:, 0])])
     if excluded > MOST_EXCLUDED:
-        raise LogError(
-            f"the log has holes in time ({len(gaps)} found, the longest of {worst}): they and the "
-            f"stretches between them that are too short to use are {excluded:.0%} of "
-            f"{whole:.4g} s, allowed {MOST_EXCLUDED:.0%}; record again without losing samples, or "
-            "pass the good stretches as separate logs, log.between(start_s, end_s)"
-        )
+        shares = {"excluded": excluded, "whole": whole, "most": MOST_EXCLUDED}
+        raise refusal("too_many_holes", count=len(gaps), worst=worst, **shares)
     parts = [log.between(*edge) for edge in compress(pairwise(edges), is_used)]
     short = is_used.count(False)
     stubs = f" ({short} stretches between them are too short)" * bool(short)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import chain, compress, pairwise
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,12 +27,12 @@ from seaid.drives.toml import drives_from_mapping
 from seaid.errors import Hertz, LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check
 from seaid.legged import load_robot, with_leg_order
-from seaid.log import Description, Log, describe_log, low_pass, read_log
+from seaid.log import Description, Log, LogDescription, describe_log, low_pass, read_log
 from seaid.log.base_log import moving_base
 from seaid.log.describe import logs_of_files
 from seaid.log.describe.inference import Doubt
 from seaid.log.description import as_toml
-from seaid.log.readers.opening import open_tables
+from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.reading import read_or_describe
 from seaid.log.repair.channels import held_over
 from seaid.robot import Robot
@@ -118,7 +119,7 @@ def write_first_project(
     folder = Path(folder)
     file = folder / PROJECT_FILE
     _check_request(file, logs, drives, controllers)
-    paths = [Path(path) for path in ([logs] if isinstance(logs, str | Path) else logs)]
+    paths, _ = files_of(logs)
     known, of_neighbour = _known_drives(urdf, drives, bool(controllers))
     robot, joints, unnamed = _load_named_joints(urdf, known, robot_options, paths)
     describe = partial(describe_log, rate_hz=rate_hz, columns=columns)
@@ -132,12 +133,14 @@ def write_first_project(
     without, untrue = _joints_without_torque(robot, logs_read)
     tables, of_drives = dict[str, _Table](), list[str]()
     if known is None:
-        gains = {**(read[0].guess.gains if read[0].guess else {}), **controllers}
+        gains = {**read[0].guess.gains, **controllers}
         tables, of_drives = _drives_of_logs(robot, logs_read, without, gains, guessed)
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
             texts[known] = _drives_text(tables, of_drives, known)
-    doubts = [*of_neighbour, *unnamed, *of_files, *_doubts_of_columns(of_columns, tables)]
+    # Drives that are inferred have their own doubts about the ratios.
+    of_columns = [x for x in of_columns if not (tables and x.code == "gear_ratio")]
+    doubts = [*of_neighbour, *unnamed, *of_files, *of_columns]
     doubts += [*untrue, *of_drives, *_without_flags(robot, logs_read)]
     text = from_template(
         "seaid.project",
@@ -208,20 +211,21 @@ def _files_of_logs(
 ) -> tuple[Sequence[tuple[Path, ...]], Sequence[str]]:
     """Return the files of each log, and what is doubtful about that.
 
-    Those that the user named columns of are one log each, or one log if a name comes again: each
-    file of it has its own time.
+    Files whose columns the user names are parts of one log if a name comes again, since each has
+    its own time; files without a time are parts of one log unless they share names.
     """
     if columns:
         is_one = len({*columns}) < len(columns)
-        return [tuple(paths)] if is_one else [(path,) for path in paths], ()
-    return logs_of_files(paths, robot) if rate_hz is None else (_logs_without_time(paths), ())
+    elif rate_hz is not None:
+        names = [x for path in paths for x in {*open_tables([path]).names} if not x.isdecimal()]
+        is_one = len({*names}) == len(names)
+    else:
+        return logs_of_files(paths, robot)
+    return [tuple(paths)] if is_one else [(path,) for path in paths], ()
 
 
-def _logs_without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
-    """Return the files of each log without time: one log, or one each if they share names."""
-    names = [{name for name in open_tables([path]).names if not name.isdecimal()} for path in paths]
-    share = any(later & earlier for k, later in enumerate(names) for earlier in names[:k])
-    return [(path,) for path in paths] if share else [tuple(paths)]
+_NO_GUESS = Description(LogDescription(), (), ())
+"""That of a log that needs no description, or has one."""
 
 
 @dataclass(frozen=True)
@@ -233,14 +237,8 @@ class _ReadLog:
 
     files: tuple[Path, ...]
     log: Log
-    guess: Description | None = None
+    guess: Description = _NO_GUESS
     file: Path | None = None
-
-    @property
-    def new(self) -> dict[Path, Description]:
-        """The file of a description that is not written yet, and the guess."""
-        is_new = self.guess and self.file and not self.file.exists()
-        return {self.file: self.guess} if is_new else {}  # type: ignore[dict-item]
 
 
 @dataclass(frozen=True)
@@ -270,19 +268,19 @@ class _Reading:
                 raise SeaidError(f"'{file}' names the columns: remove it, or columns=", "columns=")
             return _ReadLog(files, read_log(files, robot, description=file), guess, file)
         for entry in earlier if len(files) == 1 else ():
-            if entry.guess and entry.file and _columns(entry.guess) == _columns(guess):
+            if entry.file and _columns(entry.guess) == _columns(guess):
                 source = entry.file if entry.file.exists() else entry.guess.description
                 with suppress(LogError):
                     log = read_log(files, robot, description=source)
                     return replace(entry, files=files, log=log)
         return _ReadLog(files, *_read_guessed(files, robot, guess), file)
 
-    def with_springs(self, guesses: Iterable[Description | None]) -> Robot:
+    def with_springs(self, guesses: Iterable[Description]) -> Robot:
         """Return the robot with springs in joints whose deflection is logged, and no gear."""
         turning = SeriesElasticDrive(gear_ratio=1.0)
         sliding = replace(turning, motor_pulley_radius_m=1.0)
         slides = dict(zip(self.robot.joint_names, self.robot.is_prismatic, strict=True))
-        logged = chain(*(guess.description.joints.items() for guess in guesses if guess))
+        logged = chain(*(guess.description.joints.items() for guess in guesses))
         joints = () if self.are_drives_known else (x for x, y in logged if "deflection" in y)
         return self.robot.with_drives({x: sliding if slides[x] else turning for x in joints})
 
@@ -301,6 +299,9 @@ def _read_guessed(
     """
     try:
         log = read_log(files, robot, description=guess.description)
+        codes = {x.code for x in guess.unsure}
+        if robot.base_is_held and any(doubts <= codes for doubts in _TORQUE_UNREAD):
+            raise LogError(f"'{files[0]}': a joint has no torque, and unused columns may be its")
         # Joints whose positions have seaid's names are in no doubt about their order.
         names = chain(*guess.description.joints.values())
         is_doubtful = any(name.endswith("_position") for name in names)
@@ -309,21 +310,26 @@ def _read_guessed(
             log = read_log(files, robot, description=ordered.description)
         return log, ordered
     except LogError as problem:
-        # In the place of its advice, which has the names of seaid's own columns.
-        about = [problem.reason, *(x for x in guess.unsure if x.code in _OF_COLUMNS)]
-        logged = guess.description.joints
-        if any(len(logged.get(joint, ())) < _FEWEST for joint in robot.joint_names):
-            about.append("joints that stand still, or that no column has, are locked with locked=")
-            place = files[0].with_suffix(".toml")
-            about.append(
-                f"columns of the others are named in a description: seaid describe {files[0]} -o "
-                f"{place}; columns that are not used: {listed(guess.unused) or 'none'}"
-            )
-        raise LogError("; ".join(about), "locked=") from None
+        raise LogError("; ".join(_of_guess(files[0], robot, guess, problem)), "locked=") from None
+
+
+def _of_guess(file: Path, robot: Robot, guess: Description, problem: LogError) -> Iterator[str]:
+    """Yield what is wrong with a guess. Advice of reading has the names of seaid's columns."""
+    yield problem.reason
+    yield from (x for x in guess.unsure if x.code in _OF_COLUMNS)
+    logged = guess.description.joints
+    if any(len(logged.get(joint, ())) < _FEWEST for joint in robot.joint_names):
+        yield "joints that stand still, or that no column has, are locked with locked="
+        place, unused = file.with_suffix(".toml"), listed(guess.unused) or "none"
+        yield f"columns of the others are named in a description: seaid describe {file} -o {place}"
+        yield f"columns that are not used: {unused}"
 
 
 _OF_COLUMNS = {"no_effort", "unknown_command", "no_such_joint", "unused"}
 """The codes of doubts that matter where a joint lacks columns."""
+
+_TORQUE_UNREAD = ({"unknown_command"}, {"no_effort", "unused"})
+"""Codes of doubts that, together, leave open whether a column has the torque of a joint."""
 
 _FEWEST = 2
 """Columns that each joint needs: a position, and a torque or what stands for it."""
@@ -334,17 +340,11 @@ def _descriptions(read: Sequence[_ReadLog]) -> tuple[dict[Path, str], list[Doubt
 
     Last come the joints with an encoder whose counts are a guess.
     """
-    new = dict(chain(*(entry.new.items() for entry in reversed(read))))
-    joints = chain(*(guess.description.joints.items() for guess in new.values()))
-    guessed = {name for name, sources in joints for x in sources.values() if x.unit == "counts"}
-    names = {entry.file: entry.files[0].name for entry in reversed(read)}
-    doubts = [x.about([names[file]]) for file, guess in new.items() for x in guess.unsure]
-    return {file: guess.to_toml() for file, guess in new.items()}, doubts, guessed
-
-
-def _doubts_of_columns(doubts: Sequence[Doubt], tables: Mapping[str, _Table]) -> list[Doubt]:
-    """Return doubts about columns. Drives that are inferred have theirs about the ratios."""
-    return [x for x in doubts if not (tables and x.code == "gear_ratio")]
+    new = {entry.file: entry for entry in reversed(read) if entry.file and not entry.file.exists()}
+    joints = chain(*(entry.guess.description.joints.items() for entry in new.values()))
+    guessed = {x for x, sources in joints if "counts" in map(attrgetter("unit"), sources.values())}
+    doubts = [x.about([e.files[0].name]) for e in new.values() for x in e.guess.unsure]
+    return {file: entry.guess.to_toml() for file, entry in new.items()}, doubts, guessed
 
 
 def _joints_without_torque(robot: Robot, logs: Sequence[Log]) -> tuple[set[str], list[str]]:
@@ -409,8 +409,7 @@ def _parts(read: Sequence[_ReadLog], is_commanded: bool) -> list[tuple[_ReadLog,
 
 def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:
     """Return the contacts of a floating base of which a log has neither a flag nor a wrench."""
-    links = () if robot.base_is_held else moving_base(robot).contact_links
-    return () if log.base is None else log.base.unflagged(links)
+    return () if log.base is None else log.base.unflagged(moving_base(robot).contact_links)
 
 
 def _without_flags(robot: Robot, logs: Sequence[Log]) -> list[str]:
@@ -576,7 +575,7 @@ def inferred_drives(
     """
     drives = {x: _inferred_drive(robot, x, logs) for x in robot.joint_names if x not in without}
     tables, sizes = _with_confirmed_ratios(robot, logs, drives, guessed)
-    doubts, shared = list[str](), dict[str, list[str]](no_encoder=[], no_motor=[])
+    doubts, shared = list[str](), dict[str, list[str]](no_encoder=[], no_motor=[], passive=[])
     for joint, drive in drives.items():
         if drive.doubt.code in shared:
             shared[drive.doubt.code].append(joint)
@@ -607,8 +606,8 @@ def _inferred_drive(robot: Robot, joint: str, logs: Sequence[Log]) -> _Drive:
     drive = _spring_without_gear(robot, j, log, channels)
     if drive is None and log is not None and "joint_position" in channels:
         drive = _drive_of_encoders(slides, log.time, channels)
-    drive = drive or _drive_without_encoder(sensors, _RATIO_KEYS[slides])
     kind = _input(sensors)
+    drive = drive or _drive_without_encoder(sensors, kind, _RATIO_KEYS[slides])
     if drive.table is not None and kind not in ("", "torque"):
         return replace(drive, table=drive.table | {"motor_input": kind})
     return drive
@@ -628,15 +627,14 @@ def _spring_without_gear(
     return None
 
 
-def _drive_without_encoder(sensors: Set[str], key: str) -> _Drive:
+def _drive_without_encoder(sensors: Set[str], kind: str, key: str) -> _Drive:
     """Return the stiff drive of a joint by its sensors, of which one encoder at most is logged."""
-    kind = _input(sensors)
     # A torque sensor has a scale, and behind it are neither friction nor rotor.
     is_known = "joint_torque" in sensors and kind != "torque"
     if "motor_position" in sensors and not is_known:
         return _Drive({"type": "stiff", key: _GAP}, _doubt("no_joint_encoder", key=key))
     if not kind or is_known:
-        return _Drive(None, _doubt("no_motor"))
+        return _Drive(None, _doubt("no_motor" if is_known else "passive"))
     return _Drive({"type": "stiff", key: 1.0}, _doubt("no_encoder"))
 
 
@@ -685,7 +683,7 @@ def _confirmed(value: float, error: float, fit: JointCheck | None, key: str) -> 
     ratio = abs(fit.gear_ratio)
     # The gear ratio of a screw is 1: its radius goes with the inverse of what the check finds.
     better = value / ratio if "pulley" in key else ratio
-    if abs(ratio / (1.0 if "pulley" in key else value) - 1) < SLIGHT:
+    if abs(better / value - 1) < SLIGHT:
         return better, better * fit.gear_ratio_error / ratio
     return value, max(error, abs(better - value))
 

@@ -35,7 +35,7 @@ def test_csv_names_its_columns_as_the_design_says(tmp_path: Path) -> None:
         *("a.motor_position_rad", "a.joint_position_rad", "a.motor_torque_Nm", "a.joint_torque_Nm"),
         *("b.motor_position_rad", "b.joint_position_m", "b.motor_torque_Nm", "b.joint_force_N"),
     ]
-    names = list(column_names("b", is_prismatic=True))
+    names = list(column_names("b", is_prismatic=True).values())
     more = ["b.motor_current_A", "b.motor_voltage_V", "b.deflection_m"]
     more += ["b.motor_temperature_degC", "b.position_command_m"]
     more += ["b.velocity_command_m_per_s", "b.force_command_N", "b.supply_voltage_V"]

@@ -52,7 +52,7 @@ MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
         {TORQUE: None},
         (
             f"joint 'arm' needs {NEEDS}, found motor_position, joint_",
-            f"its columns are {', '.join(column_names('arm', is_prismatic=False))}",
+            f"its columns are {', '.join(column_names('arm', is_prismatic=False).values())}",
         ),
     ),
     (

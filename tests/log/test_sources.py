@@ -120,7 +120,7 @@ def test_columns_with_names_of_seaid_need_no_description(
     arm: Robot, tmp_path: Path, prefix: str
 ) -> None:
     """Whatever their samples suggest; with other names they need one."""
-    names = [row.column("arm", False) for row in OF_JOINTS.values()]
+    names = [row.columns("arm")[0] for row in OF_JOINTS.values()]
     columns = {f"{prefix}{x}": q(FAST) * (1 + k) for k, x in enumerate(names)}
     guess = describe_log(write(tmp_path / "run.csv", time_s=FAST, **columns), arm)
     assert guess.description.joints

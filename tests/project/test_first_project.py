@@ -359,6 +359,22 @@ def test_masses_are_as_uncertain_as_the_checks_assume(tmp_path: Path) -> None:
     assert '# link = "link_of_arm"' in text
 
 
+def test_a_joint_without_a_motor_needs_no_torque(tmp_path: Path) -> None:
+    """The pole of a cart was locked at zero, or its log refused."""
+    robot = chain(tmp_path, "cart", "pole")
+    time = np.arange(4000) / 200
+    rates = np.array([1.3, 2.9])
+    q, v = np.sin(np.outer(time, rates)), rates * np.cos(np.outer(time, rates))
+    torque = joint_torques(robot, q, v, -(rates**2) * q)[:, 0]
+    columns = {"time_s": time, "cart.motor_torque_Nm": torque}
+    columns |= {f"{x}.joint_position_rad": q[:, k] for k, x in enumerate(("cart", "pole"))}
+    made, project = first_project(tmp_path, tmp_path / "robot.urdf", columns)
+    assert any(doubt.startswith("pole:") and "without a motor" in doubt for doubt in made.doubts)
+    result = run_project(project).runs[""].identification
+    assert result.model.torque_joints == ("cart",)
+    assert result.verdict.level == "good"
+
+
 def test_columns_of_no_joint_are_named_for_a_description(tmp_path: Path) -> None:
     """Motors with other names than joints: the message listed seaid's own columns instead."""
     robot = chain(tmp_path, "a", "wrist_pitch")

@@ -38,6 +38,7 @@ from seaid.log.describe.names import Meaning, in_file, is_of_commands, meaning_o
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block, Table
+from seaid.log.refusals import refusal
 from seaid.log.repair import LARGEST
 from seaid.robot import Robot
 
@@ -172,12 +173,7 @@ def describe_log(
     names = joint_names(inference)
     if not names:
         about = "; ".join(filter(None, [listed(table.names, _SHOWN), table.notice]))
-        raise LogError(
-            f"'{' + '.join(map(str, paths))}': no column looks like the position of a joint; "
-            f"columns are {about}; name them in their order by columns=, as t,q,tau (the time, and "
-            "arrays in the order of the joints): seaid.describe_log writes a description of them",
-            *("columns=", "seaid.describe_log"),
-        )
+        raise refusal("no_position", files=" + ".join(map(str, paths)), columns=about)
     for joint in dict.fromkeys(names.values()):
         take_quantities(inference, joint)
     _set_clocks(inference, clocks, names, table.files)
@@ -219,12 +215,7 @@ def _labels(table: Table, names: Sequence[str], robot: Robot | None) -> dict[str
         spelled = ([f"{x}[{place}]" for place in places] if x in arrays else [x] for x in names)
         names = [*chain.from_iterable(spelled)]
     if len(names) != len(columns):
-        raise LogError(
-            f"columns= does not name the {counted(len(columns), 'column')} of the log: give one "
-            "name for each of them, or those of the time and of arrays with a column per joint, as "
-            "t,q,qd,tau",
-            "columns=",
-        )
+        raise refusal("other_columns", columns=counted(len(columns), "column"))
     return dict(zip(columns, names, strict=True))
 
 

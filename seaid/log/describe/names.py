@@ -211,7 +211,7 @@ class _Parts:
         path = head.split("/") if head.startswith("/") else [head]
         self.topic, self.of_topic = _topic(path[1:-1], joints)
         self.field = _in_latin(path[-1])
-        self.joint, words = _joint_of(self.label, joints), _words(self.field)
+        self.joint, words = joint_alone(self.label, joints) or self.label, _words(self.field)
         if not self.label:
             self.joint, words = _joint_in(words, joints)
         self.texts = [word.text for word in words]
@@ -238,7 +238,7 @@ def _topic(path: Sequence[str], joints: Sequence[str]) -> tuple[list[list[str]],
 def _topic_part(text: str, joints: Sequence[str]) -> tuple[str, str, list[str]]:
     """Return the robot's joint that a part of a topic is, its label, and its words."""
     head, label, _ = _without_brackets(text)
-    if (joint := _joint_of(head, joints)) in joints:
+    if joint := joint_alone(head, joints):
         return joint, "", []
     joint, words = _joint_in(_words(_in_latin(head)), joints)
     words = [word for word in words if word.text not in vocabulary().roles["topic"]]
@@ -552,12 +552,6 @@ def _is_of_label(word: _Word, following: str, unit: Unit | None) -> bool:
 def _is_unit_of(word: _Word, unit: Unit | None) -> bool:
     """Return whether a word is a unit; a single letter is one only as that of its column."""
     return word.unit is not None and (not word.is_letter or word.unit == unit)
-
-
-def _joint_of(label: str, joints: Sequence[str]) -> str:
-    """Return the joint of a label that is nothing else, or the label itself."""
-    texts = _texts(label)
-    return next((joint for known, joint in _known(tuple(joints)) if known == texts), label)
 
 
 def _joint_in(words: list[_Word], joints: Sequence[str]) -> tuple[str, list[_Word]]:

@@ -38,6 +38,7 @@ from seaid.log.readers.table import (
     optional,
     table_of_arrays,
 )
+from seaid.log.refusals import refusal
 
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Compressions that NumPy writes; readers of others use unlimited memory."""
@@ -197,8 +198,6 @@ class _Field:
 _DEEPEST = 20
 """Most levels of structures."""
 
-_HINT = "save arrays of numbers, or a structure of them (save('run.mat', 't', 'q'))"
-
 
 def open_mat(path: Path) -> Table:
     """Return the arrays of a MATLAB file as columns, with "q[0]", "q[1]", ... for a matrix.
@@ -210,9 +209,7 @@ def open_mat(path: Path) -> Table:
 
     names, arrays = read_in_child(mat_arrays, path, "a MATLAB file", 2e6)
     if not arrays:
-        raise LogError(
-            f"'{path}' has no array of numbers, found: {listed(names) or 'none'}; {_HINT}"
-        )
+        raise refusal("no_arrays", path=path, found=listed(names) or "none")
     return held(path, arrays)
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray
 from seaid.errors import LogError, listed, shortened
 from seaid.log.readers.table import Block, Blocks, Table, check_memory, in_pieces, joined
+from seaid.log.refusals import refusal
 
 LONGEST_LINE = 1_000_000
 """Most characters of a line of a CSV file: 100 for each of the most columns."""
@@ -136,18 +137,13 @@ def _opened(path: Path) -> Iterator[TextIO]:
         with path.open(encoding="utf-8-sig") as file:
             yield file
     except UnicodeDecodeError as problem:
-        raise LogError(
-            f"'{path}' is not a text file in UTF-8 ({problem.reason} at byte {problem.start}); "
-            "save it as CSV in UTF-8"
-        ) from None
+        raise refusal("no_utf8", path=path, reason=problem.reason, byte=problem.start) from None
 
 
 def _lines(path: Path, file: TextIO) -> Iterator[str]:
     for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ""), 1):
         if len(line) == LONGEST_LINE:
-            raise LogError(
-                f"'{path}' is not a table: line {number} has more than {LONGEST_LINE:,} characters"
-            )
+            raise refusal("long_line", path=path, line=number, most=LONGEST_LINE)
         yield line
 
 
@@ -167,10 +163,7 @@ def _blocks(header: _Header, lines: Iterator[str], wanted: list[str], size: int)
         elif line == first:
             break
     if not has_samples:
-        raise LogError(
-            f"'{header.path}' has column names but no samples: the recording wrote none, or the "
-            "file was cut off; record or copy it again"
-        )
+        raise refusal("no_samples", path=header.path)
 
 
 def _header(path: Path, lines: Iterator[str]) -> _Header:
@@ -223,9 +216,7 @@ def _check_head(path: Path, comments: str, lines: Sequence[str]) -> None:
     if "\0" in "".join([comments, *lines[:1]]):
         raise LogError(f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such")
     if not "".join([comments, *lines[:2]]).strip(',;\t "'):
-        raise LogError(
-            f"'{path}' is empty; a log starts with a line of column names, then a line per sample"
-        )
+        raise refusal("empty", path=path)
 
 
 def _has_title(path: Path, lines: list[str]) -> bool:
@@ -426,10 +417,8 @@ def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
         numbers = [cells[place]] if count is None else _list(cells[place]) or []
         if len(numbers) != (count or 1):
             name = header.names[len(texts)].removesuffix("[0]")
-            raise LogError(
-                f"'{header.path}', line {line}: column '{shortened(name)}' has "
-                f"'{shortened(cells[place])}', and a list of {count} numbers before"
-            )
+            cell = {"column": shortened(name), "cell": shortened(cells[place])}
+            raise refusal("other_list", path=header.path, line=line, count=count, **cell)
         texts += numbers
     return texts
 
@@ -439,10 +428,7 @@ def _check_width(header: _Header, cells: list[str], line: int) -> None:
     if (count := len(cells)) == header.width:
         return
     if any("\0" in cell for cell in cells):
-        raise LogError(
-            f"'{header.path}', line {line}: has zero bytes, as a file that was not written to its "
-            "end: remove the line, and those behind it that are no samples"
-        )
+        raise refusal("zero_bytes", path=header.path, line=line)
     hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
     hint *= header.delimiter == "," and count > header.width
     raise LogError(

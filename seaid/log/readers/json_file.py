@@ -14,6 +14,7 @@ import numpy as np
 from seaid._arrays import Array, as_float
 from seaid.errors import LogError, reason_of
 from seaid.log.readers.table import Refused, Table, check_columns, check_memory, held, no_numbers
+from seaid.log.refusals import refusal
 
 _GROWTH = 10.0
 """Bytes in memory per byte of JSON."""
@@ -36,9 +37,7 @@ def open_json(path: Path) -> Table:
     lists = [*filter(_are_records, (content, *values.values()))]
     data = _record_columns(path, lists[0]) if len(lists) == 1 else _lists_by_name(path, values)
     if not data:
-        raise LogError(
-            f"'{path}' has no columns; a JSON log is a list of records, or lists of numbers by name"
-        )
+        raise refusal("no_columns", path=path)
     length = max(map(len, data.values()))
     check_columns(path, len(data) + len(constants))
     check_memory(path, 8.0 * length * (len(data) + len(constants)))
@@ -78,10 +77,7 @@ def _flat(
 ) -> Iterator[tuple[str, Any]]:
     """Yield what is in objects, and in lists on request, by name."""
     if depth > _DEEPEST:
-        raise LogError(
-            f"'{path}': lists and objects are more than {_DEEPEST} levels deep; a JSON log "
-            "is a list of records, or lists of numbers by name"
-        )
+        raise refusal("too_deep", path=path, levels=_DEEPEST)
     if isinstance(value, Mapping):
         dot = f"{name}." if name else ""
         for key, entry in value.items():

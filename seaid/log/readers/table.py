@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from seaid._arrays import Array
 from seaid.errors import LogError, listed, reason_of, shortened, unknown_name
+from seaid.log.refusals import refusal
 
 
 def free_memory() -> float:
@@ -65,31 +66,17 @@ def check_memory(path: Path, size: float, pieces: bool = False) -> None:
     allowed = max(MOST_BYTES, MOST_GROWTH * stored)
     if size <= min(MEMORY_SHARE * free, allowed):
         return
-    advice = (
-        "read fewer samples at a time with a smaller chunk_samples="
-        if pieces
-        else "read it in pieces with seaid.open_long_log, or write it as Parquet with the columns "
-        "needed"
-    )
-    fault = (
-        f"takes {size / 1e9:.3g} GB of memory, too much for the {free / 1e9:.3g} GB that are free"
-    )
-    if size > allowed:
-        fault = (
-            f"of {stored / 1e9:.3g} GB declares {size / 1e9:.3g} GB of samples, more than "
-            f"{MOST_GROWTH:g} times its size and than {MOST_BYTES / 1e9:g} GB: it is damaged, or "
-            "padded with equal samples"
-        )
-    raise LogError(f"'{path}' {fault}; {advice}")
+    advice = refusal("smaller_pieces" if pieces else "in_pieces")
+    sizes_gb = {"size": size / 1e9, "stored": stored / 1e9, "free": free / 1e9}
+    limits = {"growth": MOST_GROWTH, "most": MOST_BYTES / 1e9}
+    code = "padded" if size > allowed else "no_memory"
+    raise refusal(code, path=path, advice=advice, **sizes_gb, **limits)
 
 
 def check_columns(path: Path, count: int) -> None:
     """Raise LogError for too many columns."""
     if count > MOST_COLUMNS:
-        raise LogError(
-            f"'{path}' has {count:,} columns or more, allowed are {MOST_COLUMNS:,}; write the "
-            "columns needed to a file of their own"
-        )
+        raise refusal("too_many_columns", path=path, count=count, most=MOST_COLUMNS)
 
 
 def check_names(path: Path, names: Sequence[str]) -> None:
@@ -97,10 +84,8 @@ def check_names(path: Path, names: Sequence[str]) -> None:
     check_columns(path, len(names))
     for name in names:
         if len(name) > LONGEST_NAME:
-            raise LogError(
-                f"'{path}': the name of a column has {len(name):,} characters, allowed are "
-                f"{LONGEST_NAME:,}: '{shortened(name)}'"
-            )
+            most = {"most": LONGEST_NAME, "name": shortened(name)}
+            raise refusal("long_name", path=path, count=len(name), **most)
         if not name.isascii() and name != name.encode("utf-8", "replace").decode("utf-8"):
             raise LogError(f"'{path}': the name of a column is not Unicode text: {name!a}")
 
@@ -203,10 +188,8 @@ def is_number(kind: np.dtype[Any]) -> bool:
 
 def no_numbers(path: Path, name: str, kind: object, shape: object) -> LogError:
     """Return the error for a column that is not a vector of numbers."""
-    return LogError(
-        f"'{path}': column '{shortened(name)}' must be a vector of numbers, found "
-        f"{shortened(str(kind))} of shape {shape}"
-    )
+    column, found = shortened(name), shortened(str(kind))
+    return refusal("no_numbers", path=path, column=column, found=found, shape=shape)
 
 
 class Refused:
@@ -356,7 +339,5 @@ def check_installed(module: str, extra: str, path: Path) -> None:
     with suppress(ImportError):
         if find_spec(module) is not None:
             return
-    raise LogError(
-        f"'{path}': '{path.suffix}' logs need the package {module.split('.')[0]}, which is not "
-        f"installed; get it with pip install 'seaid[{extra}]'"
-    )
+    package = module.split(".")[0]
+    raise refusal("not_installed", path=path, suffix=path.suffix, package=package, extra=extra)

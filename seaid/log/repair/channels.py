@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, IndexArray, is_constant, resolution, runs, white_noise
-from seaid.errors import LogError
+from seaid._arrays import Array, BoolArray, IndexArray, is_constant, resolution, white_noise
 from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of
-from seaid.log.filtering import low_pass
+from seaid.log.filtering import low_pass, runs_that
+from seaid.log.refusals import refusal
 from seaid.log.repair import FEWEST, Channel, Repairs, Report
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step, typical_step
 
@@ -260,12 +261,8 @@ def _predicted_steps(name: str, time: Array, nearest: Array, period: float) -> A
     off = np.maximum(np.abs(steps - expected), doubt)
     unclear = np.flatnonzero((off > _CLEAR * period) & (np.abs(steps) > period / 4))
     for place in unclear[:1]:
-        raise LogError(
-            f"'{name}' moves by {abs(steps[place]):.3g} from t = {time[place]:.6g} s to the next "
-            f"sample, {durations[place]:.3g} s later, and wraps around every {period:.6g}: the "
-            f"number of wraps is ambiguous (the position must be within {_CLEAR:g} of a period of "
-            "its extrapolation); log at a higher rate, or exclude this time"
-        )
+        wrap = {"step": abs(steps[place]), "duration": durations[place], "share": _CLEAR}
+        raise refusal("ambiguous_wraps", name=name, time=time[place], period=period, **wrap)
     return steps
 
 
@@ -298,10 +295,7 @@ def zero_dropouts(values: Array) -> BoolArray:
     Far means several times the neighbouring changes and the resolution. Zeros that reach an end of
     the log count too, if there is such a jump at their other end.
     """
-    dropouts, step = np.zeros(len(values), dtype=bool), resolution(values)
-    for start, end in runs(values == 0.0):
-        dropouts[start:end] = _is_sudden_zero(values, int(start), int(end), step)
-    return dropouts
+    return runs_that(partial(_is_sudden_zero, values, resolution(values)), values == 0.0)
 
 
 def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
@@ -359,7 +353,7 @@ def held_over(time: Array, values: Array) -> int:
     return 1 if by_chance else count
 
 
-def _is_sudden_zero(values: Array, start: int, end: int, step: float) -> bool:
+def _is_sudden_zero(values: Array, step: float, start: int, end: int) -> bool:
     sides = []
     for edge, near in ((start - 1, values[:start][-8:]), (end, values[end:][:8][::-1])):
         near = near[near != 0.0]

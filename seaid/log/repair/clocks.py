@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from seaid._arrays import Array, BoolArray, IndexArray
-from seaid.errors import LogError
+from seaid.log.refusals import refusal
 from seaid.log.repair import FEWEST, Channel, Report
 
 _LATE_RUN = 5
@@ -135,11 +135,8 @@ def repaired_clock(name: str, time: Array, values: Array, longest_gap_s: float) 
                 place += run
                 continue
             if not _is_continuous(values, place):
-                raise LogError(
-                    f"the clock of {name} goes backwards at sample {rows[place]} (from "
-                    f"{stamps[place - 1]:.9g} s to {stamps[place]:.9g} s) and the values are "
-                    "discontinuous there: two recordings in one? Split the log at this place"
-                )
+                stamps_s = {"before": stamps[place - 1], "time": stamps[place]}
+                raise refusal("two_recordings", name=name, row=rows[place], **stamps_s)
         # Over a true gap a joint moves on. If it would have moved and the values still continue,
         # the clock was set forward, and no sample is missing.
         forward = jump > longest_gap_s and _would_move(values, place, jump / max(step, 1e-12))
@@ -355,9 +352,7 @@ def repaired_group(group: Sequence[Channel], report: Report) -> RepairedClock:
     values = np.column_stack([channel.values for channel in group])
     finite = raw[np.isfinite(raw)]
     if len(finite) < FEWEST:
-        raise LogError(
-            f"the clock of {name} has {len(finite)} finite stamps, at least {FEWEST} are needed"
-        )
+        raise refusal("too_few_stamps", name=name, count=len(finite), fewest=FEWEST)
     longest_s = report.limits.longest_gap_s or longest_step(finite)
     clock = repaired_clock(name, raw, values, longest_s)
     repeats = np.concatenate([[False], np.diff(clock.time) <= 0])

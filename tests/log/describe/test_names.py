@@ -108,7 +108,8 @@ def test_a_column_of_any_quantity_is_found_in_the_table() -> None:
     """Names that seaid writes are those that it reads."""
     for name, row in OF_JOINTS.items():
         for is_prismatic in (False, True):
-            assert quantity_of(row.column("base", is_prismatic)) == row == quantity_of(name)
+            (column,) = row.columns("base", is_prismatic)
+            assert quantity_of(column) == row == quantity_of(name)
     for row in OF_BASE.values():
         assert all(quantity_of(column) == row for column in row.columns("base"))
     for row in OF_CONTACTS.values():
