@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, runs
 from seaid._files import toml_key
 from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
@@ -45,6 +45,7 @@ from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
 from seaid.log import Motion, low_pass
 from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
+from seaid.log.repair.channels import saturated
 from seaid.regressor.base import regressor_at_drives
 from seaid.regressor.regression import INPUT_FIELDS
 
@@ -594,6 +595,66 @@ _ROUNDING, _LEAST = 1e-3, 1e-300
 """Part of a column that rounding leaves of one that is in the model already; least divisor."""
 
 
+def beyond_extremes(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield what a motor gives beyond the extremes of what was logged, while the log is there.
+
+    It is as much all the time, or follows a parabola between the ends of each time at an extreme,
+    as a smooth signal does to second order. The coefficient is the mean over these samples.
+    """
+    shapes = [_at_extremes(side, joint, motion) for motion in side.motions]
+    count = sum(np.count_nonzero(shape[:, 0]) for shape in shapes)
+    if count:
+        sizes = np.sum([np.sum(np.abs(shape), axis=0) for shape in shapes], axis=0) / count
+        columns = side.drive(joint).at_rows([shape / sizes for shape in shapes])
+        columns *= -_constant_of(side, joint)
+        models = [engine.Alternative(column[:, None], 1) for column in columns.T]
+        yield engine.Candidate(joint, "saturation", torque_channel(side, joint), lambda: models)
+
+
+def limit_of_motor(side: Side, selection: engine.Selection, finding: Finding) -> Finding | None:
+    """Return the note that a motor has the limit of its log, None if it may give more or less.
+
+    By both shapes the mean of that is at most a slight part of the limit, next to what is accepted.
+    """
+    accepted = [x.trial.alternative for x in selection.accepted]
+    candidates = beyond_extremes(side, finding.joint) if torque_channel(side, finding.joint) else ()
+    models = [model for candidate in candidates for model in candidate.alternatives]
+    fits = [side.equation.with_alternatives([*accepted, model]).last(1) for model in models]
+    sizes = [abs(float(value[0])) + tol.SURE * float(error[0]) for value, error in fits]
+    most = max(sizes, default=math.inf)
+    if most > tol.SLIGHT * finding.evidence["limit"]:
+        return None
+    words = {"before": finding.message, "most": most}
+    return codes.CODES["saturation"].finding(
+        "of_motor", finding.joint, {**finding.evidence, **words}
+    )
+
+
+def _at_extremes(side: Side, joint: str, motion: Motion) -> Array:
+    """Return shapes (T, 2) of what is beyond the extremes of a motor: even, and of parabolas."""
+    values = getattr(motion, torque_channel(side, joint))[:, side.robot.index(joint)]
+    # Single precision, since samples between two equal ones may differ in the last digit.
+    stuck = saturated(values.astype(np.float32))
+    parabola = np.zeros(len(values))
+    for start, end in runs(stuck):
+        place = np.arange(end - start)
+        parabola[start:end] = (place + 1) * (end - start - place)
+    return np.asarray(np.sign(values)[:, None] * np.column_stack([stuck, parabola]))
+
+
+def is_beyond(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
+    """Return the finding of a motor that gave more, or less, than the extreme that was logged."""
+    value, error = float(accepted[0].coefficients[0]), float(accepted[0].errors[0])
+    channel = accepted[0].trial.candidate.term
+    if abs(value) < tol.SURE * error:
+        return None
+    evidence = {"beyond the limit": value, "standard error": error, "explained": share}
+    words = {"quantity": channel.replace("_", " "), "size": abs(value)}
+    case = "beyond" if value > 0 else "less"
+    is_worse = _changes_much(side, accepted)
+    return codes.CODES["saturation"].finding(case, joint, {**evidence, **words}, is_worse=is_worse)
+
+
 def is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of a channel that is late or early against the others."""
     late, channel = accepted[0], accepted[0].trial.candidate.term
@@ -603,14 +664,19 @@ def is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Findi
     # one that is within its error: it stands for another cause.
     if delay is None or not tol.SURE * delay[1] < abs(delay[0]) < 0.5 / side.motions[0].cutoff_hz:
         return None
+    is_doubt = _changes_much(side, accepted)
+    is_doubt |= channel == "joint_position" and _changes_friction(side, joint, value[0])
+    is_doubt |= abs(delay[0]) - tol.SURE * delay[1] > tol.LEAST_DELAY_S
+    return late_channels(side, {joint: channel}, delay, share, is_doubt)
+
+
+def _changes_much(side: Side, accepted: Acceptance) -> bool:
+    """Whether what was accepted changes a positive parameter of the fit beyond its errors."""
     changes = side.changed_by(accepted)
     is_large = (changes["standard errors"] > tol.SIGNIFICANT) & (changes["%"] > 100 * tol.POOR)
     # a part of a value that may be zero, as of a product of inertia, is none
     is_large &= [name.quantity in POSITIVE for name in side.fitted.estimate.names]
-    is_large |= channel == "joint_position" and _changes_friction(side, joint, value[0])
-    surely = abs(delay[0]) - tol.SURE * delay[1]
-    is_doubt = bool(np.any(is_large)) or surely > tol.LEAST_DELAY_S
-    return late_channels(side, {joint: channel}, delay, share, is_doubt)
+    return bool(np.any(is_large))
 
 
 def _changes_friction(side: Side, joint: str, damping: float) -> bool:

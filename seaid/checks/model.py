@@ -145,6 +145,7 @@ GEAR_CHECKS = (
     ColumnCheck(
         CODES["delay"], (columns.SPRING, _BOTH_ENCODERS), gears.late_position, gears.is_late
     ),
+    ColumnCheck(CODES["saturation"], (_TORQUE,), gears.beyond_extremes, gears.is_beyond),
     ColumnCheck(
         CODES["encoder-offset"],
         (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, columns.MOTION),
@@ -195,6 +196,13 @@ class SideSelection:
     def doubtful(self) -> set[tuple[ColumnCheck[Side], str]]:
         """The checks and joints with a finding above a note: a note explains nothing away."""
         return {key for key, finding in self.findings.items() if finding.severity != "note"}
+
+    def on_limit(self, finding: Finding) -> Finding | None:
+        """Return the note on a torque at a limit of the log that these rows settle, else None."""
+        names = {x.trial.candidate.name[:2] for x in self.selection.accepted}
+        if (finding.joint, "saturation") in names:
+            return replace(finding, severity="note")
+        return gears.limit_of_motor(self.side, self.selection, finding)
 
     def vanished(self, cutoff_hz: float) -> set[tuple[str, str]]:
         """Return what the values show without the accepted columns, and not with them.
@@ -258,6 +266,24 @@ def _found_alone(side: Side, trial: engine.Trial) -> Finding | None:
     alone = engine.Accepted(trial, *of_columns, trial.comparison.share, change)
     check: ColumnCheck[Side] = candidate.about
     return check.finding(side, candidate.joint, [alone], trial.comparison.share)
+
+
+def with_settled_limits(
+    findings: Sequence[Finding], selected: Sequence[SideSelection]
+) -> list[Finding]:
+    """Return findings with notes on the torques at the limits of a log that a fit has settled.
+
+    Either the limit is that of the motor, or the fit has a finding of what the motor gives.
+    """
+    settled = {
+        finding: note
+        for finding in findings
+        for side in selected
+        if (finding.code, finding.severity) == ("saturation", "doubtful")
+        and finding.joint in side.side.joints
+        and (note := side.on_limit(finding)) is not None
+    }
+    return [settled.get(finding, finding) for finding in findings]
 
 
 def without_setup_echoes(

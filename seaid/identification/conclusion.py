@@ -21,7 +21,13 @@ from seaid.checks.columns import unknown_scales
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.engine import guarded
 from seaid.checks.experiment import experiment_of
-from seaid.checks.model import delays_of, model_findings, without_echoes, without_setup_echoes
+from seaid.checks.model import (
+    delays_of,
+    model_findings,
+    with_settled_limits,
+    without_echoes,
+    without_setup_echoes,
+)
 from seaid.checks.values import (
     drive_findings,
     fixed_findings,
@@ -116,7 +122,7 @@ def _with_free_scales(problem: Problem, name: str, result: Identification) -> Id
 def _setup_findings(problem: Problem, name: str) -> list[Finding]:
     """Return what is wrong with a set-up, with what that of other conditions does to it."""
     case, logs = problem.cases[name], problem.cases[name].logs
-    findings = list(logs.setup_findings)
+    findings = with_settled_limits(logs.setup_findings, problem.lacking)
     mistakes = [finding for finding in findings if finding not in logs.channel_findings]
     findings += [
         replace(

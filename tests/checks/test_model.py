@@ -23,7 +23,7 @@ from seaid.checks.values import drive_findings
 from seaid.drives import drive_table
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.toml import drives_from_mapping
-from seaid.errors import Finding
+from seaid.errors import Finding, by_severity
 from seaid.identification import Identification, identify
 from seaid.identification.checking import resolved_widths
 from seaid.log import Log
@@ -56,7 +56,7 @@ from tests.mistakes import (
     with_torque,
 )
 from tests.one_joint import BODY, one_joint
-from tests.plants import write_robot
+from tests.plants import log_with, write_robot
 from tests.representatives import quick_first, quick_only
 
 OF_TERMS = ("missing-term", "nonlinear-spring")
@@ -676,3 +676,35 @@ def test_a_zero_that_the_torque_does_not_determine_is_no_finding(
     accepted: Any = [SimpleNamespace(coefficients=np.array([1.0]), errors=np.array([0.1]))]
     finding = gears.zero_is_off(side, "knee_pitch", accepted, 0.5)
     assert (finding is not None) == is_named
+
+
+@pytest.mark.parametrize(("of_sensor", "severity"), [(1.0, "note"), (0.7, "wrong")])
+def test_a_limit_is_of_the_motor_or_of_its_sensor(
+    tmp_path: Path, of_sensor: float, severity: str
+) -> None:
+    """The log of a motor at its limit was refused, and so was that of a sensor with its range."""
+    robot = one_joint(tmp_path, drive={"type": "stiff", "gear_ratio": 1.0, "friction": ["viscous"]})
+    rate_hz, steps, limit, viscous = 200, 20, 4.0, 0.3
+    time = np.arange(0, 20, 1 / rate_hz)
+    wanted = sum(np.sin(np.arange(1, 4)[:, None] * 1.1 * time + 1.0))
+    state, states = np.zeros(2), []
+    for goal in wanted:
+        torque = float(np.clip(12 * (goal - state[0]) - 3 * state[1], -limit, limit))
+        states.append((state[0], torque))
+        for _ in range(steps):  # the body has an inertia of 1 kg m^2 and no weight
+            speed = state[1] + (torque - viscous * state[1]) / (rate_hz * steps)
+            state = np.array([state[0] + speed / (rate_hz * steps), speed])
+    angle, torque = np.array(states).T
+    # A torque that is held from one sample to the next acts half a sample later.
+    acts = (torque + np.append(torque[:1], torque[:-1])) / 2
+    end = of_sensor * limit
+    log = log_with("arm", time, joint_position=angle, motor_torque=np.clip(acts, -end, end))
+    result = seaid.identify(robot, log)
+    worst = by_severity(x for x in result.findings if x.code == "saturation")[0]
+    assert worst.severity == severity
+    if severity == "note":
+        assert result.verdict.level == "good"
+    else:
+        torques = np.abs(acts[np.abs(acts) >= end])
+        beyond, error = worst.evidence["beyond the limit"], worst.evidence["standard error"]
+        assert beyond == pytest.approx(np.mean(torques) - end, abs=3 * error)

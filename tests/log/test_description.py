@@ -132,9 +132,8 @@ def test_voltage_of_a_position_servo_is_computed_and_clipped(tmp_path: Path) -> 
     on = np.where(TIME < 1.5, 1.0, 0.0)
     path = log_file(tmp_path, kp=np.full(200, 5.0), on=on)
     servo = {"goal": "a", "position": "b", "gain": "kp", "gain_factor": 0.2, "supply": 12.0}
-    repair = {"most_saturated": 1.0}
     arm = {"motor_position": None, "motor_torque": None, "motor_voltage": {"servo": servo}}
-    description = described(**arm) | {"where": "on", "repair": repair}
+    description = described(**arm) | {"where": "on"}
     log = read_log(path, robot, description=description)
     goal = wave(0.5)
     held = np.concatenate([goal[:1], goal[:-1]])

@@ -42,8 +42,6 @@ class Repairs(Display):
         of the time in gaps.
     most_disordered : float
         Largest share of stamps that are late, repeated with other values, or not finite.
-    most_saturated : float
-        Largest share of saturated samples of a torque, current or voltage.
     largest_drift : float
         Largest drift of one clock relative to another [s/s].
 
@@ -64,7 +62,6 @@ class Repairs(Display):
     most_gap_error: _Share = 0.03
     most_missing: _Share = 0.25
     most_disordered: _Share = 0.02
-    most_saturated: _Share = 0.05
     largest_drift: _Share = 2e-3
 
     def __post_init__(self) -> None:

@@ -430,7 +430,7 @@ def _repair_measured(samples: _Remaining) -> None:
     counts = {"lost": samples.lost, "total": total}
     samples.report.check("lost_samples", samples.lost / total, name=channel.name, **counts)
     if len(samples.values) >= FEWEST:
-        _check_saturation(samples)
+        _report_saturation(samples)
         _check_gap(samples)
 
 
@@ -460,18 +460,12 @@ def _unwrap(samples: _Remaining) -> None:
         samples.add("wraps", wraps, period=period, origin=origin)
 
 
-def _check_saturation(samples: _Remaining) -> None:
-    """Report saturation of a torque, current or voltage. Raises LogError for too much of it."""
-    stuck = saturated(samples.values)
+def _report_saturation(samples: _Remaining) -> None:
+    """Report saturation of a torque, current or voltage: `checks` show whether it is wrong."""
     # A position has no end of its range, and what an estimator computes of a base repeats at rest.
-    if samples.channel.quantity.interpolation == "spline" or not np.any(stuck):
-        return
-    level = samples.values[np.argmax(stuck)]
-    samples.add("saturated samples", stuck, level=level)
-    first = {"level": level, "time": samples.time[np.argmax(stuck)]}
-    counts = {"count": np.sum(stuck), "total": len(stuck)}
-    name = samples.channel.name
-    samples.report.check("saturated", float(np.mean(stuck)), name=name, **counts, **first)
+    if samples.channel.quantity.interpolation != "spline":
+        stuck = saturated(samples.values)
+        samples.add("saturated samples", stuck, level=samples.values[np.argmax(stuck)])
 
 
 def _check_gap(samples: _Remaining) -> None:
