@@ -24,9 +24,6 @@ def test_right_set_ups_have_no_warning(case: str, seed: int) -> None:
     assert seaid.check(robot.without_nominal(), log).warnings == ()
 
 
-CHANNELS = {"t": "motor_torque", "q": "joint_position", "m": "motor_position"}
-
-
 def spring_rows(error_rad: float, seed: int) -> tuple[Array, Array]:
     """Return angles of both sides and the torque of a spring behind a gear with an error."""
     random = np.random.default_rng(seed)

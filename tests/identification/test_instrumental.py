@@ -32,7 +32,6 @@ from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import DATA, drive_errors, perfect_log, wiggle
 from tests.representatives import quick_first
 
-SPRINGS = ("shoulder", "telescope")
 TRUTH = load_robot(
     DATA / "mixed_arm.urdf", DATA / "mixed_arm.toml", joints=("wrist", "telescope", "shoulder")
 )

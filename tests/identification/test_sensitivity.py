@@ -1,6 +1,5 @@
 """Estimators and cutoffs that contradict each other, and equations without a torque."""
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -16,8 +15,7 @@ from seaid.log import Log
 from seaid.regressor import Regression
 from seaid.robot import Robot
 from seaid.simulation import replay
-from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, MODELS, arm, arm_log, arm_motion, with_named_friction
+from tests.experiments import MODELS, arm, arm_log
 from tests.plants import log_with, regression
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
@@ -145,15 +143,3 @@ def test_a_difference_is_as_large_as_its_errors_say(ways: tuple[tuple[int, Array
         change, errors = difference(fits, np.eye(2))
         scores.append(change / errors)
     check_scores(scores, band=1.2)
-
-
-# Estimates over the pass band: flat where the model is right, and not where noise is.
-
-
-KNOWN = with_named_friction(arm().without_nominal())
-
-
-@cache
-def log(steps: int = 2**17) -> Log:
-    sensors = replace(ARM_SENSORS, joint_resolution_rad=2 * np.pi / steps)
-    return measure(arm(), arm_motion(), sensors, 0)

@@ -23,7 +23,6 @@ TIME: Array = np.arange(300) / 100
 MOTOR, JOINT = "arm.motor_position_rad", "arm.joint_position_rad"
 TORQUE, SPRING = "arm.motor_torque_Nm", "arm.joint_torque_Nm"
 COLUMNS = {"time_s": TIME, MOTOR: np.sin(TIME), JOINT: np.cos(TIME), TORQUE: np.sin(3 * TIME)}
-Columns = dict[str, Array]
 
 
 def written(folder: Path, **change: Array | None) -> Path:

@@ -123,12 +123,9 @@ ARMS = {"yy": 6, "zz": 4, "zy": 8}
 
 TWO_BODIES = [two_bodies(one + two) for one in "xyzXYZ" for two in "xyzXYZ"]
 
-m, m1, m2, r, J, k, k1, k2, k3, c, d = sp.symbols("m m1 m2 r J k k1 k2 k3 c d")
-rod, l1, l2, alpha, beta = sp.symbols("l l1 l2 alpha beta")
-x, y, z = signal("x"), signal("y"), signal("z")
-q, p, w, u = signal("q"), signal("p"), signal("w"), signal("u")
+x, y = signal("x"), signal("y")
+q, p, w = signal("q"), signal("p"), signal("w")
 th, ph, ps = signal("theta"), signal("phi"), signal("psi")
-half = sp.Rational(1, 2)
 
 
 def chain(masses: int, kind: str) -> System:

@@ -23,9 +23,6 @@ from seaid.view.playback import Playback, playback_of
 from tests.experiments import arm, arm_found, arm_log, leg
 from tests.plants import picked, polynomial_trajectory
 
-SPRINGS = [1, 2]
-"""Of the shoulder and the telescope; the rail slides too, and the wrist turns, both stiff."""
-
 
 @pytest.fixture
 def robot() -> Robot:
