@@ -15,7 +15,7 @@ import sympy as sp
 
 from seaid._arrays import Array
 from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation
-from seaid.drives.equations import SYMBOLS, DriveEquation, d_0, f_0, joint_equation, known_values
+from seaid.drives.equations import DriveEquation, d_0, f_0, joint_equation, known_values, symbol_of
 from seaid.drives.regressor import flat_names
 from seaid.estimation import estimator_named
 from seaid.identification import Identification
@@ -236,7 +236,7 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
 def _compiled(equation: DriveEquation, drive: Drive) -> tuple[Any, list[str]]:
     """Return an equation with the values of a drive as a function, and what it takes."""
     values = known_values(drive)
-    values |= {SYMBOLS[name]: number for name, number in drive.values.items()}
+    values |= {symbol_of(name): number for name, number in drive.values.items()}
     flat = flat_names(equation.expression).subs({d_0: 0.0, f_0: 0.0} | values)
     names = sorted(map(str, flat.free_symbols))
     return sp.lambdify(names, flat, modules="numpy"), names

@@ -98,15 +98,6 @@ def test_force_and_torque_of_the_errors() -> None:
     assert spring_curve(drive, np.array([0.01]))[0] == pytest.approx(3.0)  # not the spring's
 
 
-@pytest.mark.slow  # 3.4 s
-def test_a_ripple_of_a_stiff_drive_is_recovered() -> None:
-    assert "transmission-error" not in {flag.code for flag in found(truth()).warnings}
-    wrist = found(truth()).drives["wrist"]
-    for name, value in RIPPLE_VALUES.items():
-        assert abs(wrist.value(name) - value) < 3 * wrist.standard_error(name)
-        assert wrist.standard_error(name) < 2e-4
-
-
 @pytest.mark.slow  # two whole identifications of an arm
 def test_remedy_as_printed_repairs_the_result() -> None:
     """Orders that nobody named are found in the residual, and naming them repairs the stiffness."""

@@ -47,6 +47,10 @@ FRICTION: dict[str, Case] = {
     ),
     "load": friction("coulomb", "load", load_friction=0.1),
     "stribeck": friction("coulomb", "stribeck", stribeck_friction=0.02, stribeck_speed=8.0),
+    "ripple": (
+        {"torque_ripple": {"joint": [4]}},
+        {"torque_ripple_joint_4_cos": 4e-3, "torque_ripple_joint_4_sin": -2e-3},
+    ),
     "warm-up": (
         {"friction": ("viscous", "coulomb", "viscous_warm_up", "coulomb_warm_up")},
         {"cold_viscous_friction": 2e-4, "cold_coulomb_friction": 0.01, "warm_up_time": 2.5},
