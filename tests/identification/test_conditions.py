@@ -176,19 +176,8 @@ def test_a_torque_that_the_model_does_not_explain_is_named_in_its_condition() ->
         assert found["a"].verdict.level == "good"
         assert found["b"].verdict.level == level
         assert ("no-fit" in named) == (second is wrong)
+        unfit = [one for one in found["b"].warnings if one.code == "no-fit"]
+        assert all("the payload it had (payload=)" in one.remedy for one in unfit)
         assert (errors["b"].blocks > 3 * errors["a"].blocks) == (second is wrong)
         assert all(one.joint_fits["shoulder"].own < 0.01 for one in found.values())
     assert set(found["b"].setup) == set(robot.joint_names)
-
-
-@pytest.mark.findings
-@pytest.mark.slow  # identifications of two logs of the leg
-def test_a_payload_that_was_not_given_is_named() -> None:
-    robot = leg().without_nominal()
-    bare = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
-    both = identify_conditions({"bare": (robot, bare), "loaded": (robot, leg_log(2))})
-    for found in both.identifications.values():
-        named = [one for one in found.warnings if one.code == "no-fit"]
-        assert found.verdict.level == "do not use"
-        assert any("ankle_pitch" in (one.joint, *one.joints) for one in named)
-        assert all("give each robot the payload it had (payload=)" in one.remedy for one in named)

@@ -32,7 +32,6 @@ from seaid.log.base_log import moving_base
 from seaid.robot import Contact, Robot
 from seaid.robot.pinocchio_model import floating_model
 from tests.regressor.stances import columns_of_stances
-from tests.representatives import quick_first
 
 DOWN = np.array([0.0, 0.0, -9.81])
 FEET: dict[str, tuple[str, ...]] = {
@@ -100,38 +99,7 @@ def test_rows_of_base_and_joints_are_inverse_dynamics_at_any_pose(name: str) -> 
         np.testing.assert_allclose(Y @ robot.parameters, rows, rtol=0, atol=1e-9 * scale)
 
 
-GO2, GO2_MEASURED = FEET["go2.urdf"], {"measured": FEET["go2.urdf"]}
-
-TALOS = SOLES["talos_reduced.urdf"]
-TALOS_MEASURED = {"measured": TALOS}
-
-COUNTS: dict[str, list[tuple[list[tuple[str, ...]], dict[str, Any], int]]] = {
-    # a point mass at a foot that always stands is carried by the ground
-    "go2.urdf": [
-        ([()], {}, 94),
-        *(([GO2[:count]], {}, 94 - count) for count in range(1, 5)),
-        ([(GO2[0], GO2[3]), (GO2[1], GO2[2])], {}, 94),  # a trot
-        ([GO2], GO2_MEASURED, 94),
-    ],
-    # flat feet hide their bodies; those with sensors show their weight
-    "talos_reduced.urdf": [
-        ([()], {}, 234),
-        ([TALOS[:1]], {}, 220),
-        ([TALOS], {}, 206),
-        ([TALOS[:1], TALOS[1:]], {}, 234),
-        ([TALOS], TALOS_MEASURED, 218),
-        ([TALOS, TALOS[:1]], TALOS_MEASURED, 226),
-        ([TALOS[:1], TALOS[1:]], TALOS_MEASURED, 234),
-    ],
-}
-"""{robot: the feet that touch in each stance, options, and the number of base parameters}"""
-
-
-@pytest.mark.parametrize("name", quick_first(COUNTS))
-def test_the_ground_hides_what_it_carries_of_feet_that_always_stand(name: str) -> None:
-    robot = standing(name)
-    for stances, options, count in COUNTS[name]:
-        assert len(seaid.base_parameters(robot, stances=stances, **options).columns) == count
+GO2 = FEET["go2.urdf"]
 
 
 HOLLOW = (

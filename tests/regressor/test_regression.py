@@ -1,7 +1,6 @@
 """Regressions: rows, columns, and what each derivative says."""
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from seaid.regressor import (
     load_regression,
     motor_regressor,
 )
-from seaid.regressor.load import LoadModel, load_model, offset_sensitivity, with_gear_torque
+from seaid.regressor.load import LoadModel, load_model, with_gear_torque
 from seaid.regressor.regression import (
     actuator_columns,
     input_signals,
@@ -120,24 +119,6 @@ def test_carried_is_the_derivative_by_the_springs(motion: Motion, model: LoadMod
             moved = load_regression(LEG, motion, model, {**springs, joint: springs[joint] + shift})
             derivative = (moved.y - rows.y) / step
             assert rows.propagated[:, 2 * position + entry] == pytest.approx(derivative, abs=1e-9)
-
-
-def test_zero_sensitivity_is_what_a_shifted_encoder_does(motion: Motion, model: LoadModel) -> None:
-    """By finite differences of the torques; a yaw does not turn gravity."""
-    springs = true_springs(LEG)
-    drives = [true_value(LEG, joint, name) for joint, name, _ in model.drives]
-    theta = np.concatenate([model.base.project(LEG.parameters), drives])
-    regress = partial(load_regression, LEG, model=model, springs=springs)
-    found = offset_sensitivity(LEG, motion, regress, theta)
-    rows = np.searchsorted(motion.time, found.time), found.joint.astype(int)
-    q, v, a = motion.joint_states
-    step = 1e-4
-    for joint in range(LEG.n):
-        shift = step * (np.arange(LEG.n) == joint)
-        change = joint_torques(LEG, q + shift, v, a) - joint_torques(LEG, q, v, a)
-        assert found.propagated[:, joint] == pytest.approx(-change[rows] / step, abs=1e-4)
-    assert np.max(np.abs(found.propagated[:, 0])) < 1e-6
-    assert np.max(np.abs(found.propagated[:, 2])) > 10.0
 
 
 def test_both_sides_of_a_row_pass_the_same_filter(motion: Motion) -> None:
