@@ -71,22 +71,6 @@ def test_exact_data_with_outliers_give_the_exact_answer(estimator: Solver) -> No
     assert estimator(replace(data, y=y)).values == pytest.approx(TRUTH, rel=1e-6)
 
 
-@ROBUST
-def test_what_is_carried_adds_what_targets_really_do(estimator: Solver) -> None:
-    """Against the estimate from targets that are off by one standard deviation."""
-    data = spoiled(experiment(5, count=3000), 0.1)
-    direction = data.H[:, :1] + 0.3 * data.H[:, 1:2] ** 2
-    plain = estimator(data)
-    once, carrying = (
-        estimator(replace(data, propagated=direction), np.array([[size]]))  # type: ignore[call-arg]
-        for size in (1e-4, 2e-4)
-    )
-    moved = estimator(replace(data, y=data.y + 0.01 * direction[:, 0])).values - plain.values
-    added = carrying.covariance - once.covariance
-    assert added == pytest.approx(np.outer(moved, moved), abs=0.08 * float(moved @ moved))
-    assert np.all(carrying.white_standard_errors > plain.white_standard_errors)  # type: ignore[operator]
-
-
 def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("seaid.estimation.fitting._MOST_ITERATIONS", 2)
     with pytest.raises(IdentificationError, match=r"did not converge in 2 iterations: at .* s the"):

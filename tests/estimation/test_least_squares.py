@@ -119,14 +119,23 @@ def test_white_errors_know_that_joints_differ() -> None:
     assert found == pytest.approx(np.sqrt(np.diag(expected)), rel=0.1)
 
 
-@pytest.mark.parametrize("estimator", [ordinary, weighted])
-def test_uncertainty_of_the_target_is_carried_along(estimator: type) -> None:
-    """y was computed with a factor known to 10 %: so are the parameters."""
-    H = experiment(5).H
-    y = H @ TRUTH
-    data = regression(H, y, propagated=y[:, None])
-    found = estimator(data, np.array([[0.01]]))
-    assert found.covariance == pytest.approx(0.01 * np.outer(TRUTH, TRUTH), rel=1e-9)
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_what_is_carried_adds_what_targets_really_do(name: LinearEstimator) -> None:
+    """Against the estimate from targets that are off by one standard deviation."""
+    solve_rows, share = ESTIMATORS[name].solve, 0.1 * (name in ("huber", "tukey"))
+    data = spoiled(experiment(5, count=3000), share)
+    direction = data.H[:, :1] + 0.3 * data.H[:, 1:2] ** 2
+    plain, moved = (
+        solve_rows(replace(data, y=data.y + size * direction[:, 0]), None) for size in (0.0, 0.01)
+    )
+    once, carrying = (
+        solve_rows(replace(data, propagated=direction), np.array([[size]])) for size in (1e-4, 2e-4)
+    )
+    change, added = moved.values - plain.values, carrying.covariance - once.covariance
+    assert added == pytest.approx(np.outer(change, change), abs=0.08 * float(change @ change))
+    assert plain.white_standard_errors is not None
+    assert carrying.white_standard_errors is not None
+    assert np.all(carrying.white_standard_errors > plain.white_standard_errors)
 
 
 def test_what_propagated_columns_explain_is_not_noise_too() -> None:
