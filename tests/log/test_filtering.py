@@ -203,17 +203,6 @@ def test_clean_motion_gets_four_times_its_edge_however_slow_or_fast(frequency_hz
     assert "four times the bandwidth of the velocity" in str(found)
 
 
-@pytest.mark.parametrize("size", [3e-4, 1e-3, 3e-3])
-def test_noise_of_the_acceleration_is_one_percent_in_the_band(size: float) -> None:
-    """By hand: N (2 pi)^4 f^5 / 5 against 1e-4 of half the square of the acceleration."""
-    found = proposed(waves(1.0) + noise(0, size))
-    floor = 2 * size**2 / RATE_HZ
-    exact = (1e-4 * 0.5 * 5 / floor) ** 0.2
-    assert found.noise_limit_hz == pytest.approx(exact, rel=0.05)
-    assert found.noise_floor == pytest.approx(floor, rel=0.1)
-    assert found.cutoff_hz == pytest.approx(max(min(exact, 4.0), 2.0), abs=0.3)
-
-
 def test_noise_of_a_motor_counts_in_its_speed_where_the_joint_has_an_encoder() -> None:
     """N (2 pi)^2 f^3 / 3 against 1e-4 of half the square of the velocity."""
     noisy = waves(1.0) + noise(0, 1e-2)
@@ -254,9 +243,12 @@ def test_noise_of_steps_is_that_of_simulated_encoders(steps_hz: int) -> None:
     assert np.mean(densities) == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize("exponent", [1.0, 2.0])
-def test_coloured_noise_narrows_the_band_as_far_as_its_own_level(exponent: float) -> None:
-    """Noise of spectrum c f^-p: the acceleration's power below f is (2 pi)^4 c f^(5-p) / (5-p)."""
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 2.0])
+def test_noise_narrows_the_band_as_far_as_its_own_level(exponent: float) -> None:
+    """Noise of spectrum c f^-p: the acceleration's power below f is (2 pi)^4 c f^(5-p) / (5-p).
+
+    It is 1 % of the acceleration in the band.
+    """
     rng, frequency = np.random.default_rng(4), np.fft.rfftfreq(len(TIME), 1 / RATE_HZ)
     density = 1e-9 * np.maximum(frequency, frequency[1]) ** -exponent
     white = rng.normal(size=(2, len(frequency))).T @ [1, 1j]
@@ -264,9 +256,10 @@ def test_coloured_noise_narrows_the_band_as_far_as_its_own_level(exponent: float
     power = 5 - exponent
     exact = (1e-4 * 0.5 * power / 1e-9) ** (1 / power)
     found = proposed(waves(1.0) + coloured[:, None])
-    assert found.noise_limit_hz == pytest.approx(exact, rel=0.15)
+    assert found.noise_limit_hz == pytest.approx(exact, rel=0.15 if exponent else 0.05)
+    assert exponent or found.noise_floor == pytest.approx(1e-9, rel=0.1)
     fast = proposed(waves(6.0) + 100 * coloured[:, None])
-    assert fast.noise_limit_hz >= 1.5 * 6.0 - 0.1
+    assert not exponent or fast.noise_limit_hz >= 1.5 * 6.0 - 0.1
 
 
 def test_what_is_no_motion_does_not_decide() -> None:
