@@ -9,8 +9,6 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.robot import PARAMETERS, inconsistency, inertia, is_physical
 
-numbers = st.floats(-10, 10, allow_subnormal=False)
-ten = st.lists(numbers, min_size=10, max_size=10).map(np.array)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -41,43 +39,6 @@ def test_names_and_units_stand_in_pinocchios_order() -> None:
     assert named["my"] == pytest.approx(0.4)
     assert named["Iyy"] == pytest.approx(2.0 + 2.0 * (0.1**2 + 0.3**2))
     assert named["Ixz"] == pytest.approx(-2.0 * 0.1 * 0.3)
-
-
-@given(seeds, ten)
-def test_pseudo_inertia_is_that_of_pinocchio_and_leads_back(seed: int, numbers: Array) -> None:
-    """The way back holds for numbers that no body has, too."""
-    body, parameters = random_body(seed)
-    theirs = pin.PseudoInertia.FromInertia(body).toMatrix()
-    np.testing.assert_allclose(inertia.pseudo_inertia(parameters), theirs, rtol=1e-12, atol=1e-12)
-    pseudo = inertia.pseudo_inertia(numbers)
-    assert np.array_equal(pseudo, pseudo.T)
-    np.testing.assert_allclose(
-        inertia.from_pseudo_inertia(pseudo), numbers, rtol=0, atol=1e-14 * 40
-    )
-
-
-@given(seeds, ten)
-def test_change_of_frame_is_that_of_pinocchio_and_leads_back(seed: int, numbers: Array) -> None:
-    """The way back holds for numbers that no body has, too."""
-    body, parameters = random_body(seed)
-    placement = random_placement(seed)
-    theirs = placement.act(body).toDynamicParameters()
-    ours = inertia.in_parent_frame(parameters, placement)
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * np.max(np.abs(theirs)))
-    back = inertia.in_parent_frame(inertia.in_parent_frame(numbers, placement), placement.inverse())
-    np.testing.assert_allclose(back, numbers, rtol=0, atol=1e-10)
-
-
-@given(seeds)
-def test_pinocchios_inertia_has_the_ten_parameters(seed: int) -> None:
-    """From centre of mass and tensor, into its type, and for a body of nothing."""
-    body, parameters = random_body(seed)
-    scale = np.max(np.abs(parameters))
-    ours = inertia.from_center_of_mass(body.mass, body.lever, body.inertia)
-    np.testing.assert_allclose(ours, parameters, rtol=0, atol=1e-12 * scale)
-    back = inertia.to_pinocchio(parameters).toDynamicParameters()
-    np.testing.assert_allclose(back, parameters, rtol=0, atol=1e-12 * scale)
-    assert inertia.to_pinocchio(np.zeros(10)).isApprox(pin.Inertia.Zero())
 
 
 @given(seeds, st.floats(1.001, 3))
