@@ -16,6 +16,7 @@ from seaid.errors import IdentificationError
 from seaid.estimation.qr_factor import (
     QRFactor,
     combined,
+    deleted_residual,
     explained_apart,
     explained_squares,
     fitted_slope,
@@ -168,6 +169,18 @@ def test_posterior_whitening_and_explained_part_are_those_of_dense_matrices() ->
     X, half = np.column_stack([effects, y]), [np.arange(9) < 5]
     shares = [*explained_apart(X, X[:0], half), *explained_apart(1e-6 * X, X[:0], half)]
     assert shares[0] == pytest.approx(shares[1])  # in any unit
+
+
+def test_what_a_fit_leaves_of_rows_apart_is_in_errors_of_their_prediction() -> None:
+    """By normal equations: of a row h the variance is 1 + c h (H^T H)^-1 h^T."""
+    rng = np.random.default_rng(6)
+    H, y, apart = rng.normal(size=(30, 3)) * [1, 50, 0.1], rng.normal(size=30), np.arange(30) > 23
+    residual, noise = deleted_residual(H, y, apart, 2.0)
+    of_errors = np.linalg.inv(H[~apart].T @ H[~apart])
+    variance = 1 + 2.0 * apart * np.sum(H @ of_errors * H, axis=1)
+    expected = y - H @ of_errors @ H[~apart].T @ y[~apart]
+    np.testing.assert_allclose(residual, expected / np.sqrt(variance))
+    assert noise == pytest.approx(np.linalg.norm(residual[~apart]) / np.sqrt(24 - 3))
 
 
 def test_a_slope_in_any_unit_has_the_difference_of_the_halves_of_enough_rows() -> None:
