@@ -607,8 +607,8 @@ def beyond_extremes(side: Side, joint: str) -> Iterator[engine.Candidate]:
         sizes = np.sum([np.sum(np.abs(shape), axis=0) for shape in shapes], axis=0) / count
         columns = side.drive(joint).at_rows([shape / sizes for shape in shapes])
         columns *= -_constant_of(side, joint)
-        models = [engine.Alternative(column[:, None], 1) for column in columns.T]
-        yield engine.Candidate(joint, "saturation", torque_channel(side, joint), lambda: models)
+        models = tuple(engine.Alternative(column[:, None], 1) for column in columns.T)
+        yield engine.Candidate(joint, "saturation", torque_channel(side, joint), models)
 
 
 def limit_of_motor(side: Side, selection: engine.Selection, finding: Finding) -> Finding | None:

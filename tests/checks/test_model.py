@@ -686,7 +686,7 @@ def test_a_limit_is_of_the_motor_or_of_its_sensor(
     robot = one_joint(tmp_path, drive={"type": "stiff", "gear_ratio": 1.0, "friction": ["viscous"]})
     rate_hz, steps, limit, viscous = 200, 20, 4.0, 0.3
     time = np.arange(0, 20, 1 / rate_hz)
-    wanted = sum(np.sin(np.arange(1, 4)[:, None] * 1.1 * time + 1.0))
+    wanted = np.sum(np.sin(np.arange(1, 4)[:, None] * 1.1 * time + 1.0), axis=0)
     state, states = np.zeros(2), []
     for goal in wanted:
         torque = float(np.clip(12 * (goal - state[0]) - 3 * state[1], -limit, limit))
