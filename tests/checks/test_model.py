@@ -112,12 +112,22 @@ def with_knee(robot: Robot | None = None, joint: str = "knee_pitch", **changed: 
     return robot.with_drives({joint: replace(robot.drives[joint], **changed)})
 
 
-def simulated(values: Mapping[str, float], **changed: Any) -> tuple[Robot, Log]:
-    """Return the leg with named terms, and a log of one whose knee has other terms with values."""
-    true = with_knee(leg(TEST_MASS), **changed)
-    knee = true.drives["knee_pitch"]
-    true = true.with_drives({"knee_pitch": knee.with_values({**knee.values, **values})})
-    return named(), seaid.simulate(true, leg_trajectory(), noise=LEG_SENSORS, seed=1)
+def simulated(
+    values: Mapping[str, float],
+    joint: str = "knee_pitch",
+    warm_up_K: float = 0.0,
+    **changed: Any,
+) -> tuple[Robot, Log]:
+    """Return the leg with named terms, and a log of one whose joint has other terms with values.
+
+    Its motors warm up from 20 degC by `warm_up_K` within the log.
+    """
+    true = with_knee(leg(TEST_MASS), joint, **changed)
+    drive, trajectory = true.drives[joint], leg_trajectory()
+    true = true.with_drives({joint: drive.with_values({**drive.values, **values})})
+    temperature = 20 + warm_up_K * np.linspace(0, 1, round(1000 * trajectory.duration) + 1)
+    sensors = {"temperature_degC": temperature, "noise": LEG_SENSORS, "seed": 1}
+    return named(), seaid.simulate(true, trajectory, **sensors)
 
 
 def hardening(power: int) -> tuple[Robot, Log]:
@@ -170,6 +180,23 @@ PLANTED: dict[str, Planted] = {
         ("missing-term", "doubtful", "knee_pitch"),
         lines={"friction": [*NAMED, "stribeck"]},
         values=near(0.05, stribeck_friction=0.02),
+    ),
+    # it was not looked for at joints without a spring
+    "friction under load": Planted(
+        partial(simulated, {"load_friction": 0.3}, "hip_roll", friction=(*NAMED, "load")),
+        ("missing-term", "doubtful", "hip_roll"),
+        lines={"friction": [*NAMED, "load"]},
+        values=near(0.05, load_friction=0.3),
+    ),
+    # nor was this, whose friction was up to 17 % off
+    "friction by temperature": Planted(
+        partial(
+            *(simulated, {"coulomb_temperature_slope": -1e-4}, "knee_pitch", 20.0),
+            friction=(*NAMED, "coulomb_temperature"),
+        ),
+        ("missing-term", "doubtful", "knee_pitch"),
+        lines={"friction": [*NAMED, "coulomb_temperature"]},
+        values=near(0.5, coulomb_temperature_slope=-1e-4),
     ),
     # the width of missing Coulomb friction is that of the samples: it was a mere note
     **{
