@@ -214,10 +214,6 @@ BY_TEMPERATURE = {
 }
 """{friction term that depends on the motor's temperature: the parameter that it changes}."""
 
-LEAST_RANGE_K = 2.0
-"""Least range of a motor's temperature: friction changes by about 1 % per kelvin, and sensors have
-steps of up to 1 K. Whether the change is significant is seen from its standard error."""
-
 WARM_UP = ("viscous_warm_up", "coulomb_warm_up")
 """Friction terms of a cold motor, which fade with the time since the start of the log."""
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.drives.terms import BY_TEMPERATURE, LEAST_RANGE_K
+from seaid.checks.tolerances import LEAST_RANGE_K
+from seaid.drives.terms import BY_TEMPERATURE
 from seaid.errors import IdentificationError
 from seaid.estimation.fitting import Rows, stored_rows
 from seaid.log import Log, LongLog, Motion, Processing, open_long_log

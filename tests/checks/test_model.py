@@ -126,8 +126,8 @@ def simulated(
     drive, trajectory = true.drives[joint], leg_trajectory()
     true = true.with_drives({joint: drive.with_values({**drive.values, **values})})
     temperature = 20 + warm_up_K * np.linspace(0, 1, round(1000 * trajectory.duration) + 1)
-    sensors = {"temperature_degC": temperature, "noise": LEG_SENSORS, "seed": 1}
-    return named(), seaid.simulate(true, trajectory, **sensors)
+    log = seaid.simulate(true, trajectory, noise=LEG_SENSORS, seed=1, temperature_degC=temperature)
+    return named(), log
 
 
 def hardening(power: int) -> tuple[Robot, Log]:
@@ -190,8 +190,9 @@ PLANTED: dict[str, Planted] = {
     ),
     # nor was this, whose friction was up to 17 % off
     "friction by temperature": Planted(
-        partial(
-            *(simulated, {"coulomb_temperature_slope": -1e-4}, "knee_pitch", 20.0),
+        lambda: simulated(
+            {"coulomb_temperature_slope": -1e-4},
+            warm_up_K=20.0,
             friction=(*NAMED, "coulomb_temperature"),
         ),
         ("missing-term", "doubtful", "knee_pitch"),
