@@ -612,16 +612,25 @@ def beyond_extremes(side: Side, joint: str) -> Iterator[engine.Candidate]:
 
 
 def beyond_amplifiers(side: Side, joint: str) -> Iterator[engine.Candidate]:
-    """Yield what a logged command has beyond a limit of its amplifier, for several limits."""
+    """Yield what a logged command has beyond a limit of its amplifier.
+
+    The limit is that of a grid by which the filtered torque at the rows, which costs little,
+    explains most of the residual.
+    """
     index, channel = side.robot.index(joint), torque_channel(side, joint)
-    sizes = np.concatenate([np.abs(getattr(x, channel)[:, index]) for x in side.motions])
-    models = []
-    for limit in np.quantile(sizes, _PARTS_BELOW):
-        inputs = (getattr(motion, channel)[:, [index]] for motion in side.motions)
+    inputs, drive = [getattr(x, channel)[:, [index]] for x in side.motions], side.drive(joint)
+    size = np.abs(at_rows := drive.at_rows(inputs))
+    limits = np.quantile(size[side.equation.rows.joint == index], _PARTS_BELOW)
+    rows = side.equation.weighted(np.sign(at_rows) * np.maximum(size - limits, 0.0))
+    rest, residual = side.equation.residual_of(rows), side.equation.residual
+    shares = (residual @ rest) ** 2 / np.maximum(np.sum(rest**2, axis=0), _LEAST)
+    best = int(np.argmax(shares))
+    if shares[best] > tol.SLIGHT * side.equation.squares():
+        limit = float(limits[best])
         beyond = [np.sign(x) * np.maximum(np.abs(x) - limit, 0.0) for x in inputs]
-        column = _constant_of(side, joint) * side.drive(joint).at_rows(beyond)
-        models.append(engine.Alternative(column, 2, values={"limit": float(limit)}))
-    yield engine.Candidate(joint, "saturation", "amplifier", tuple(models))
+        column = _constant_of(side, joint) * drive.at_rows(beyond)
+        model = engine.Alternative(column, 2, values={"limit": limit})
+        yield engine.Candidate(joint, "saturation", "amplifier", (model,))
 
 
 _PARTS_BELOW = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
