@@ -29,10 +29,10 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
+from seaid.checks.tolerances import LEAST_RANGE_K, LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
 from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
 from seaid.drives.drives import DefaultTerms
-from seaid.drives.terms import LEVEL_OF, MOTOR_CONSTANTS
+from seaid.drives.terms import BY_TEMPERATURE, LEVEL_OF, MOTOR_CONSTANTS
 from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
 from seaid.log import Log, Motion
@@ -253,10 +253,7 @@ _AT_ONCE = 4000
 
 
 _PLAIN = ("viscous", "coulomb")
-_STIFF = (*_PLAIN, "offset", "smooth_coulomb", "asymmetric", "quadratic", "stribeck")
-_ELASTIC = (*_PLAIN, "smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck")
-"""Friction of a stiff drive has no part that depends on the load, which needs another fit."""
-
+_FRICTION = (*_PLAIN, "smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck")
 _LAWS = ("cubic", "fifth", "dead_zone", "dahl", "damping")
 
 
@@ -277,12 +274,14 @@ def _friction(side: Side, joint: str) -> list[engine.Candidate]:
     drive = side.robot.drives[joint]
     if drive.is_elastic and not side.is_motor:
         return []
-    terms: tuple[str, ...] = _ELASTIC if drive.is_elastic else _STIFF
     if drive == IDEAL_DRIVE:  # it has no friction at all
-        terms = (*_PLAIN, "offset")
-    elif drive.controller is not None and not drive.is_elastic:
+        return _terms(side, joint, "friction", (*_PLAIN, "offset"))
+    terms = [*_FRICTION, *["offset"] * (not drive.is_elastic)]
+    if drive.controller is not None and not drive.is_elastic:
         # the closed loop of a drive with a controller shows errors over its position
-        terms += ("coulomb_position",)
+        terms.append("coulomb_position")
+    warmth = np.concatenate([by_name["Delta_T"] for by_name in side.drive(joint).signals])
+    terms += BY_TEMPERATURE if np.ptp(warmth) >= LEAST_RANGE_K else ()  # NaN if it is not logged
     return _terms(side, joint, "friction", terms)
 
 

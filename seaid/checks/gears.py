@@ -607,8 +607,47 @@ def beyond_extremes(side: Side, joint: str) -> Iterator[engine.Candidate]:
         sizes = np.sum([np.sum(np.abs(shape), axis=0) for shape in shapes], axis=0) / count
         columns = side.drive(joint).at_rows([shape / sizes for shape in shapes])
         columns *= -_constant_of(side, joint)
-        models = [engine.Alternative(column[:, None], 1) for column in columns.T]
-        yield engine.Candidate(joint, "saturation", torque_channel(side, joint), lambda: models)
+        models = tuple(engine.Alternative(column[:, None], 1) for column in columns.T)
+        yield engine.Candidate(joint, "saturation", torque_channel(side, joint), models)
+
+
+def beyond_amplifiers(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield what a logged command has beyond a limit of its amplifier.
+
+    The limit is that of a grid by which the filtered torque at the rows, which costs little,
+    explains most of the residual.
+    """
+    index, channel = side.robot.index(joint), torque_channel(side, joint)
+    inputs, drive = [getattr(x, channel)[:, [index]] for x in side.motions], side.drive(joint)
+    size = np.abs(at_rows := drive.at_rows(inputs))
+    limits = np.quantile(size[side.equation.rows.joint == index], _PARTS_BELOW)
+    rows = side.equation.weighted(np.sign(at_rows) * np.maximum(size - limits, 0.0))
+    rest, residual = side.equation.residual_of(rows), side.equation.residual
+    shares = (residual @ rest) ** 2 / np.maximum(np.sum(rest**2, axis=0), _LEAST)
+    best = int(np.argmax(shares))
+    if shares[best] > tol.SLIGHT * side.equation.squares():
+        limit = float(limits[best])
+        beyond = [np.sign(x) * np.maximum(np.abs(x) - limit, 0.0) for x in inputs]
+        column = _constant_of(side, joint) * drive.at_rows(beyond)
+        model = engine.Alternative(column, 2, values={"limit": limit})
+        yield engine.Candidate(joint, "saturation", "amplifier", (model,))
+
+
+_PARTS_BELOW = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
+"""Parts of the samples of a command below the limits that are tried."""
+
+
+def is_amplifier(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
+    """Return the finding of an amplifier that gives what is beyond its limit to no part."""
+    value, error = float(accepted[0].coefficients[0]), float(accepted[0].errors[0])
+    # all that is beyond the limit, within the grid of limits, or else it is another nonlinearity
+    if abs(value - 1) > max(tol.SURE * error, tol.RARE):
+        return None
+    limit = accepted[0].trial.alternative.values["limit"]
+    words = {"quantity": torque_channel(side, joint).replace("_", " "), "explained": share}
+    is_worse = _changes_much(side, accepted)
+    evidence = {"limit": limit, "part": value, "standard error": error, **words}
+    return codes.CODES["saturation"].finding("amplifier", joint, evidence, is_worse=is_worse)
 
 
 def limit_of_motor(side: Side, selection: engine.Selection, finding: Finding) -> Finding | None:
@@ -855,6 +894,7 @@ def zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> F
     is_known, rival = bool(side.robot.known_bodies), ", or centres of known bodies are off as much"
     # Known bodies are wrong by a tenth of what others are (`Experiment.widths`).
     is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * tol.POOR * is_known)
+    is_minor |= share < tol.FEW  # next to what else was accepted it explains nothing
     evidence = {"offset [rad]": offset, "standard error [rad]": error, "explained": share}
     lines = codes.in_description(codes.moved_zeros(side.robot, {joint: offset}, side.sources))
     of_joint = "residual", joint, {**evidence, "rival": rival * is_known}, lines, not is_minor

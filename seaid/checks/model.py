@@ -146,6 +146,7 @@ GEAR_CHECKS = (
         CODES["delay"], (columns.SPRING, _BOTH_ENCODERS), gears.late_position, gears.is_late
     ),
     ColumnCheck(CODES["saturation"], (_TORQUE,), gears.beyond_extremes, gears.is_beyond),
+    ColumnCheck(CODES["saturation"], (_TORQUE,), gears.beyond_amplifiers, gears.is_amplifier),
     ColumnCheck(
         CODES["encoder-offset"],
         (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, columns.MOTION),

@@ -21,7 +21,8 @@ from seaid.drives.drives import deflection, term_fields
 from seaid.drives.regressor import DriveRegressor
 from seaid.drives.terms import COULOMB, DRY, key_of
 from seaid.errors import RobotError
-from seaid.log import Motion
+from seaid.log import Motion, low_pass
+from seaid.log.motion import POSITION_BAND
 from seaid.log.rows import in_band_at
 from seaid.regressor import Regression, joint_regressor, motor_regressor, regression
 from seaid.robot import Robot, torques_at_drives
@@ -171,6 +172,19 @@ class DriveRows:
         """Return a signal (R, 1) at all rows."""
         return self.at_rows([by_name[name][:, None] for by_name in self.signals])
 
+    def through_gear(self, signals: Mapping[str, Array], motion: Motion) -> Array:
+        """Return the torque (T,) behind the gear of a stiff drive by the fit.
+
+        It is that of the motor without its friction and inertia, which the low pass of the
+        positions smooths as the motion is.
+        """
+        zeta, R = self.regressor(self.robot, self.joint).evaluate(signals)
+        names, values = self.regressor(self.robot, self.joint).names, self.values
+        torque = zeta - R @ np.array([values.get(str(name), 0.0) for name in names])
+        band_hz = POSITION_BAND * motion.cutoff_hz
+        smooth = low_pass(torque[:, None], motion.rate_hz, band_hz)[:, 0]
+        return np.asarray(self.robot.drives[self.joint].ratio * smooth)
+
     def at_rows(self, parts: Sequence[Array]) -> Array:
         """Return columns (T, c) of torques at the samples of each motion at all rows (R, c).
 
@@ -253,7 +267,12 @@ def load_drive(
             states = (state[:, index] for state in motion.joint_states)
             by_name |= dict(zip(("theta_L", "theta_L_dot", "theta_L_ddot"), states, strict=True))
     factors = [of_motion(shares) for of_motion in parts]
-    return DriveRows(robot, motions, joint, rows, theta, regressor, signals, factors)
+    drive = DriveRows(robot, motions, joint, rows, theta, regressor, signals, factors)
+    if not at_joint and not robot.drives[joint].is_elastic:
+        for by_name, motion in zip(signals, motions, strict=True):
+            if motion.gear_torque is None:  # no friction depends on it so far
+                by_name["tau_G"] = drive.through_gear(by_name, motion)
+    return drive
 
 
 def term_candidates(

@@ -159,3 +159,7 @@ a screw of 1 mm behind a gear of ten 6e4 rad/m."""
 FEWEST_COUNTS = 256
 """Counts per turn of the coarsest encoder. A slope by degrees, 360 per turn, is a third from the
 nearest power of two, and is no count."""
+
+LEAST_RANGE_K = 2.0
+"""Least range of a motor's temperature: friction changes by about 1 % per kelvin, and sensors have
+steps of up to 1 K. Whether the change is significant is seen from its standard error."""

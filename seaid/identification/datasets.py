@@ -12,6 +12,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import track
+from seaid.checks.tolerances import LEAST_RANGE_K
 from seaid.drives.terms import BY_TEMPERATURE
 from seaid.errors import IdentificationError
 from seaid.estimation.fitting import Rows, stored_rows
@@ -79,11 +80,6 @@ def _in_common(dataset: Dataset) -> Dataset:
         return dataset
     band = CutoffSelection(dataset.cutoff_hz, "common to all logs")
     return replace(dataset, processing=replace(dataset.processing, cutoff_selection=band))
-
-
-LEAST_RANGE_K = 2.0
-"""Least range of a motor's temperature: friction changes by about 1 % per kelvin, and sensors have
-steps of up to 1 K. Whether the change is significant is seen from its standard error."""
 
 
 def check_temperatures(robot: Robot, datasets: Sequence[Dataset], only: str | None = None) -> None:

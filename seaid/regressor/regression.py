@@ -26,7 +26,7 @@ from seaid.drives.equations import joint_equation
 from seaid.drives.regressor import drive_regressor
 from seaid.errors import LogError
 from seaid.log import Motion, row_samples, standstill
-from seaid.log.filtering import is_friction_known, moving
+from seaid.log.filtering import STANDSTILL, is_friction_known, moving, runs_that
 from seaid.log.motion import POSITION_BAND
 from seaid.log.rows import PIECE_SAMPLES, in_band_at, pieces
 from seaid.robot import at_drives, torques_at_drives
@@ -367,10 +367,16 @@ def known_friction(robot: Robot, motion: Motion, joint: str, regressor: DriveReg
     Coulomb. As a factor of the whole equation before the low pass of the rows, zero takes these
     samples out of a combination of equations that are all valid. (4b) has no friction.
     """
-    if not _has_motor(regressor) or not is_dry(robot.drives[joint]):
+    drive, index = robot.drives[joint], robot.index(joint)
+    if not _has_motor(regressor) or not (is_dry(drive) or "smooth_coulomb" in drive.friction):
         return np.ones(len(motion.time))
-    index = robot.index(joint)
     speed, fastest = motion.motor_velocity[:, index], float(motion.largest_speeds[0, index])
+    if not is_dry(drive):
+        # A reversal, which shows the width of smooth friction, takes less than a period of the
+        # cutoff; in a rest, which takes longer, the motor may stick as with dry friction.
+        rests, period = np.abs(speed) < STANDSTILL * fastest, motion.rate_hz / motion.cutoff_hz
+        rests = runs_that(lambda start, end: end - start > max(period, 1.0), rests)
+        return (~rests).astype(float)
     band_hz = POSITION_BAND * motion.cutoff_hz
     return is_friction_known(speed, fastest, motion.rate_hz, band_hz).astype(float)
 

@@ -112,12 +112,22 @@ def with_knee(robot: Robot | None = None, joint: str = "knee_pitch", **changed: 
     return robot.with_drives({joint: replace(robot.drives[joint], **changed)})
 
 
-def simulated(values: Mapping[str, float], **changed: Any) -> tuple[Robot, Log]:
-    """Return the leg with named terms, and a log of one whose knee has other terms with values."""
-    true = with_knee(leg(TEST_MASS), **changed)
-    knee = true.drives["knee_pitch"]
-    true = true.with_drives({"knee_pitch": knee.with_values({**knee.values, **values})})
-    return named(), seaid.simulate(true, leg_trajectory(), noise=LEG_SENSORS, seed=1)
+def simulated(
+    values: Mapping[str, float],
+    joint: str = "knee_pitch",
+    warm_up_K: float = 0.0,
+    **changed: Any,
+) -> tuple[Robot, Log]:
+    """Return the leg with named terms, and a log of one whose joint has other terms with values.
+
+    Its motors warm up from 20 degC by `warm_up_K` within the log.
+    """
+    true = with_knee(leg(TEST_MASS), joint, **changed)
+    drive, trajectory = true.drives[joint], leg_trajectory()
+    true = true.with_drives({joint: drive.with_values({**drive.values, **values})})
+    warms = [20.0, 20.0 + warm_up_K]
+    log = seaid.simulate(true, trajectory, noise=LEG_SENSORS, seed=1, temperature_degC=warms)
+    return named(), log
 
 
 def hardening(power: int) -> tuple[Robot, Log]:
@@ -170,6 +180,24 @@ PLANTED: dict[str, Planted] = {
         ("missing-term", "doubtful", "knee_pitch"),
         lines={"friction": [*NAMED, "stribeck"]},
         values=near(0.05, stribeck_friction=0.02),
+    ),
+    # it was not looked for at joints without a spring
+    "friction under load": Planted(
+        partial(simulated, {"load_friction": 0.3}, "hip_roll", friction=(*NAMED, "load")),
+        ("missing-term", "doubtful", "hip_roll"),
+        lines={"friction": [*NAMED, "load"]},
+        values=near(0.05, load_friction=0.3),
+    ),
+    # nor was this, whose friction was up to 17 % off
+    "friction by temperature": Planted(
+        lambda: simulated(
+            {"coulomb_temperature_slope": -1e-4},
+            warm_up_K=20.0,
+            friction=(*NAMED, "coulomb_temperature"),
+        ),
+        ("missing-term", "doubtful", "knee_pitch"),
+        lines={"friction": [*NAMED, "coulomb_temperature"]},
+        values=near(0.5, coulomb_temperature_slope=-1e-4),
     ),
     # the width of missing Coulomb friction is that of the samples: it was a mere note
     **{
@@ -678,33 +706,57 @@ def test_a_zero_that_the_torque_does_not_determine_is_no_finding(
     assert (finding is not None) == is_named
 
 
-@pytest.mark.parametrize(("of_sensor", "severity"), [(1.0, "note"), (0.7, "wrong")])
-def test_a_limit_is_of_the_motor_or_of_its_sensor(
-    tmp_path: Path, of_sensor: float, severity: str
-) -> None:
-    """The log of a motor at its limit was refused, and so was that of a sensor with its range."""
-    robot = one_joint(tmp_path, drive={"type": "stiff", "gear_ratio": 1.0, "friction": ["viscous"]})
-    rate_hz, steps, limit, viscous = 200, 20, 4.0, 0.3
+def limited(folder: Path, limit: float) -> tuple[Robot, Log, Array]:
+    """Return a body on a motor with a limit, the log of its torque, and what its controller asks.
+
+    The body has an inertia of 1 kg m^2, viscous friction and no weight.
+    """
+    robot = one_joint(folder, drive={"type": "stiff", "gear_ratio": 1.0, "friction": ["viscous"]})
+    rate_hz, steps, viscous = 200, 20, 0.3
     time = np.arange(0, 20, 1 / rate_hz)
-    wanted = sum(np.sin(np.arange(1, 4)[:, None] * 1.1 * time + 1.0))
-    state, states = np.zeros(2), []
-    for goal in wanted:
-        torque = float(np.clip(12 * (goal - state[0]) - 3 * state[1], -limit, limit))
-        states.append((state[0], torque))
-        for _ in range(steps):  # the body has an inertia of 1 kg m^2 and no weight
+    goals = np.sum(np.sin(np.arange(1, 4)[:, None] * 1.1 * time + 1.0), axis=0)
+    state, rows = np.zeros(2), []
+    for goal in goals:
+        asked = 12 * (goal - state[0]) - 3 * state[1]
+        torque = float(np.clip(asked, -limit, limit))
+        rows.append((state[0], torque, asked))
+        for _ in range(steps):
             speed = state[1] + (torque - viscous * state[1]) / (rate_hz * steps)
             state = np.array([state[0] + speed / (rate_hz * steps), speed])
-    angle, torque = np.array(states).T
     # A torque that is held from one sample to the next acts half a sample later.
-    acts = (torque + np.append(torque[:1], torque[:-1])) / 2
-    end = of_sensor * limit
-    log = log_with("arm", time, joint_position=angle, motor_torque=np.clip(acts, -end, end))
+    angle, torque, asked = np.array(rows).T
+    acts, asked = ((x + np.append(x[:1], x[:-1])) / 2 for x in (torque, asked))
+    return robot, log_with("arm", time, joint_position=angle, motor_torque=acts), asked
+
+
+def worst_saturation(result: Identification) -> Finding:
+    """Return the worst finding of torques at a limit."""
+    return by_severity(x for x in result.findings if x.code == "saturation")[0]
+
+
+def test_the_limit_of_a_motor_is_none_of_its_log(tmp_path: Path) -> None:
+    """Such a log was refused."""
+    robot, log, _ = limited(tmp_path, 4.0)
     result = seaid.identify(robot, log)
-    worst = by_severity(x for x in result.findings if x.code == "saturation")[0]
-    assert worst.severity == severity
-    if severity == "note":
-        assert result.verdict.level == "good"
-    else:
-        torques = np.abs(acts[np.abs(acts) >= end])
-        beyond, error = worst.evidence["beyond the limit"], worst.evidence["standard error"]
-        assert beyond == pytest.approx(np.mean(torques) - end, abs=3 * error)
+    assert (worst_saturation(result).severity, result.verdict.level) == ("note", "good")
+
+
+def test_a_log_that_ends_at_the_range_of_its_sensor_shows_what_the_motor_gave(
+    tmp_path: Path,
+) -> None:
+    robot, log, _ = limited(tmp_path, 4.0)
+    torque, end = log.motor_torque, 2.8
+    of_sensor = replace(log, motor_torque=np.clip(torque, -end, end))
+    worst = worst_saturation(seaid.identify(robot, of_sensor))
+    beyond = float(np.mean(np.abs(torque[np.abs(torque) >= end]) - end))
+    error = worst.evidence["standard error"]
+    assert worst.severity == "wrong"
+    assert worst.evidence["beyond the limit"] == pytest.approx(beyond, abs=3 * error)
+
+
+def test_a_command_that_an_amplifier_limits_shows_the_limit(tmp_path: Path) -> None:
+    """It was a weak spring, or a misfit without a cause."""
+    robot, log, asked = limited(tmp_path, 10.0)
+    worst = worst_saturation(seaid.identify(robot, replace(log, motor_torque=asked[:, None])))
+    assert worst.severity != "note"
+    assert worst.evidence["limit"] == pytest.approx(10.0, rel=0.2)
