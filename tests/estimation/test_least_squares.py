@@ -147,7 +147,11 @@ def test_what_propagated_columns_explain_is_not_noise_too() -> None:
     slopes = 10.0 * np.linalg.lstsq(rows_of.H, direction[:, 0], rcond=None)[0]
     variances = np.diag(ordinary(rows_of, np.array([[100.0]])).covariance) - slopes**2
     assert np.sqrt(variances) == pytest.approx(exact, rel=0.05)
-    assert np.all(ordinary(rows_of).standard_errors > 2 * exact)
+    noisy = ordinary(rows_of).standard_errors
+    assert np.all(noisy > 2 * exact)
+    # beyond three of its standard deviations, here 0.03 of 10, it is noise all the same
+    sure = ordinary(rows_of, np.array([[1e-4]])).standard_errors
+    assert sure == pytest.approx(noisy, rel=0.02)
 
 
 def test_columns_with_noise_of_their_own_do_not_take_it_away() -> None:
