@@ -158,13 +158,15 @@ def test_effective_rows_keep_the_rate_under_autocorrelation() -> None:
     assert np.mean(corrected) == pytest.approx(0.06, abs=0.04)
 
 
-def test_white_rows_are_all_independent() -> None:
+def test_white_rows_are_all_independent_and_others_by_their_variances() -> None:
     rows = noisy(1, count=4000)
     found = independent_rows(qr_factor_of(rows), ordinary(rows))
     assert 0.75 * 4000 < found <= 4000
     exact = regression(rows.H, rows.H @ [1.0, 2.0, 3.0])
     without = replace(ordinary(rows), white_standard_errors=None)
     assert independent_rows(qr_factor_of(exact), without) == 4000
+    third = replace(ordinary(rows), white_standard_errors=ordinary(rows).standard_errors / 3)
+    assert independent_rows(qr_factor_of(rows), third) == pytest.approx(4000 / 3**2)
 
 
 @pytest.mark.rounding
