@@ -29,11 +29,13 @@ AXES = {
 }
 PUMA = "y 0 0.2435 0, y 0.4318 -0.0934 0, z -0.0203 0 0.4331, y 0 0 0, z 0 0 0"
 SKEW = "0.1 0.2 0.3 0.1 0.2 0.3"
+VERTICAL = "-0.19866933079506116;0.2896294776255156;0.9362933635841992"
 TEXTBOOKS = {
     "pendulum": ("y", 3),
     "pendulum on a vertical axis": ("z", 1),
     "2R in a vertical plane": ("y, y 0 0 1", 6),
     "2R in a horizontal plane": ("z, z 1 0 0", 4),
+    "2R with an axis that is vertical up to rounding": (f"z, {VERTICAL} 1 0 0 0.3 0.2 0.7", 4),
     "3R in a vertical plane": ("y 0 0 0.5, y 0 0 0.5, y 0 0 0.5", 9),
     "SCARA": ("z, z 0.4 0 0, z 0.3 0 0, slide 0 0 0", 8),
     "Stanford arm": ("z, y 0 0 0.4, slide 0 0.15 0, z 0 0 0, y 0 0 0, z 0 0 0", 33),
