@@ -223,5 +223,6 @@ def test_stored_rows_are_compared_alike() -> None:
     (finding,) = noise_findings(found)
     assert finding.code == "blocks-disagree"
     assert "4 parts of the data disagree: their estimates scatter" in finding.message
-    blocks = block_factors([rows], dict.fromkeys(range(4), (0.0, 14.95)))
+    later = replace(rows, time=rows.time + 100.0)
+    blocks = block_factors([later], dict.fromkeys(range(4), (100.0, 114.95)))
     assert [(log, factor.count) for log, factor in blocks] == [(log // 2, 150) for log in range(8)]

@@ -107,6 +107,9 @@ def test_step_is_that_of_the_whole_problem_weighted_by_the_noise_it_finds() -> N
     expected = -np.linalg.lstsq(H, r, rcond=None)[0]
     assert step.change == pytest.approx(expected[:P], rel=1e-9)
     assert step.nuisance[0].ravel() == pytest.approx(expected[P:], rel=1e-9)
+    own = H[:, :P] - H[:, P:] @ np.linalg.lstsq(H[:, P:], H[:, :P], rcond=None)[0]
+    condition = np.linalg.cond(own / np.linalg.norm(own, axis=0))
+    assert step.condition_number == pytest.approx(condition, rel=1e-9)
     bound = np.linalg.inv(H.T @ H)[:P, :P]
     assert fisher_covariance([log], FREE, step.stds) == pytest.approx(bound, rel=1e-8)
     count, width = H.shape  # residuals are smaller than the noise: n / (n - p)
