@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 import seaid
 from seaid._arrays import Array
+from seaid.drives import StiffDrive
 from seaid.drives.equations import N, r_L, r_M
 from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import base_parameters, identifiability, joint_torques
 from seaid.regressor.base import left_to_right
-from seaid.regressor.motor_only import _instant, _rows
+from seaid.regressor.motor_only import _columns, _instant, _rows
 from seaid.regressor.random_instants import _instants, dependencies, random_truth, rows_of_sums
 from seaid.regressor.sensor_equations import STRETCH, STRETCH_DOT, plain, system_of
 from seaid.regressor.structural_identifiability import SENSORS, Sensor
@@ -467,6 +468,21 @@ def test_derivatives_of_torques_are_those_along_the_motion(tulip_leg: Robot) -> 
     before, now, after = joint_torques(tulip_leg, q, v, a)
     found = now, (after - before) / (2 * step), (after - 2 * now + before) / step**2
     np.testing.assert_allclose(torque[:3], found, rtol=1e-4, atol=1e-3)
+
+
+def test_columns_of_a_motor_have_their_derivatives() -> None:
+    """Of every term, along a polynomial of the motor angle, by central differences."""
+    terms = ("viscous", "coulomb", "offset", "quadratic", "asymmetric")
+    angle, step = np.polynomial.Polynomial([0.1, -2.0, 0.3, 0.5, -0.2]), 1e-3
+    before, now, after = (
+        _columns(StiffDrive(50.0, friction=terms), np.array([angle.deriv(k)(t) for k in range(5)]))
+        for t in (-step, 0.0, step)
+    )
+    assert len(now) == 6
+    for name, (value, *found) in now.items():
+        sides = before[name][0], after[name][0]
+        by_steps = (sides[1] - sides[0]) / (2 * step), (sum(sides) - 2 * value) / step**2
+        assert found == pytest.approx(by_steps, rel=1e-4, abs=1e-4)
 
 
 def test_rows_of_a_motor_side_are_derivatives_by_its_parameters(tulip_leg: Robot) -> None:
