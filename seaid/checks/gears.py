@@ -641,7 +641,7 @@ def is_amplifier(side: Side, joint: str, accepted: Acceptance, share: float) -> 
     """Return the finding of an amplifier that gives what is beyond its limit to no part."""
     value, error = float(accepted[0].coefficients[0]), float(accepted[0].errors[0])
     # all that is beyond the limit, within the grid of limits, or else it is another nonlinearity
-    if abs(value - 1) > max(tol.SURE * error, tol.RARE):
+    if error > tol.POOR or abs(value - 1) > max(tol.SURE * error, tol.RARE):
         return None
     limit = accepted[0].trial.alternative.values["limit"]
     words = {"quantity": torque_channel(side, joint).replace("_", " "), "explained": share}

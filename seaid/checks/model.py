@@ -133,6 +133,11 @@ _FRICTION = {*chain(*PARAMETERS_OF["friction"].values(), *PARAMETERS_OF["joint_f
 
 
 _TORQUE = SideNeed("a torque that was logged", lambda *of: bool(gears.torque_channel(*of)))
+# what is beyond the supply is no voltage of a motor
+_COMMAND = SideNeed(
+    "a torque or a current",
+    lambda *of: gears.torque_channel(*of) in {"motor_torque", "motor_current"},
+)
 _BOTH_ENCODERS = SideNeed("encoders on both sides", lambda side, x: side.has_both_encoders(x))
 _TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.robot.index(j)])
 # an offset moves the commands as well: `commands` looks at it
@@ -146,7 +151,9 @@ GEAR_CHECKS = (
         CODES["delay"], (columns.SPRING, _BOTH_ENCODERS), gears.late_position, gears.is_late
     ),
     ColumnCheck(CODES["saturation"], (_TORQUE,), gears.beyond_extremes, gears.is_beyond),
-    ColumnCheck(CODES["saturation"], (_TORQUE,), gears.beyond_amplifiers, gears.is_amplifier),
+    ColumnCheck(
+        *(CODES["saturation"], (_TORQUE, _COMMAND), gears.beyond_amplifiers, gears.is_amplifier)
+    ),
     ColumnCheck(
         CODES["encoder-offset"],
         (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, columns.MOTION),
