@@ -261,4 +261,5 @@ def test_each_case_of_a_code_is_used_and_its_templates_can_be_filled() -> None:
     for name, case in cases:
         assert f'"{name}"' in sources, name
         filled = case.filled(defaultdict(lambda: 1.0))
+        assert filled.message, name
         assert not {*"{}|"} & {*filled.message}, name
