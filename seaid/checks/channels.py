@@ -368,7 +368,7 @@ def excluded_findings(processing: Iterable[Processing]) -> Iterator[Finding]:
     """Yield notes of the samples that were excluded: rest at the ends, frozen channels, holes."""
     for repair in (repair for each in processing for repair in each.excluded):
         code = CODES["standstill"] if repair.kind == REST else CODES["holes"]
-        yield code.note(str(repair))
+        yield code.note("excluded", "", {"text": str(repair)})
 
 
 def excluded_instants(place: str, share: float, has_contacts: bool) -> Iterator[Finding]:

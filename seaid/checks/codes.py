@@ -129,23 +129,20 @@ class Code:
         certainty: Certainty | None = None,
         joints: tuple[str, ...] = (),
     ) -> Finding:
-        """Return a finding of this code: of one of its `cases` by name, or with a message in words.
+        """Return a finding of one of the `cases` of this code.
 
         The words among the `evidence` are in its texts only. The joint is the only one of `joints`
         unless it is named, the remedy that of the case, else the advice of the code, and so are
         severity and certainty.
         """
         joint = joint or only_joint(joints)
-        texts = Case(case) if " " in case else self.cases[case].filled({"joint": joint, **evidence})
+        texts = self.cases[case].filled({"joint": joint, **evidence})
         numbers = {name: x for name, x in evidence.items() if not isinstance(x, str)}
         if remedy is None:
             remedy = self.advice if texts.remedy is None else texts.remedy
         sure = certainty or texts.certainty or self.certainty
         severity = severity or texts.severity_of(is_worse)
         return Finding(self.name, texts.message, joint, severity, numbers, remedy, sure, joints)
-
-    wrong: ClassVar[partialmethod[Finding]] = partialmethod(finding, severity="wrong")
-    """Return a `finding` by which the result is not to be used."""
 
     note: ClassVar[partialmethod[Finding]] = partialmethod(
         finding, severity="note", certainty="certain", remedy=""

@@ -34,14 +34,13 @@ from scipy.special import stdtrit
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid.checks.tolerances import CONFIDENCE, MOST, NEGLIGIBLE, SIGNIFICANT, SLIGHT
 from seaid.drives import ParameterName
-from seaid.errors import IdentificationError, reason_of
+from seaid.errors import Finding, IdentificationError, reason_of
 from seaid.estimation import qr_factor
 from seaid.estimation.covariance import long_run_of
 from seaid.log.filtering import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
     from seaid.checks.codes import Code
-    from seaid.errors import Finding
     from seaid.estimation import FittedRows
     from seaid.regressor import Regression
 
@@ -103,7 +102,7 @@ def guarded(code: Code, findings: list[Finding]) -> Iterator[None]:
         yield
     except Exception as problem:  # the fit stands, whatever a check meets
         text = f"the check '{code.name}' could not be made: {reason_of(problem)}"
-        findings.append(code.note(text))
+        findings.append(Finding(code.name, text, severity="note", certainty="certain"))
 
 
 Fit = TypeVar("Fit")

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
 
+from seaid._arrays import FrozenMapping
 from seaid.checks.codes import CODES, in_drives, only_joint
 from seaid.checks.tolerances import FAR, FEW, MOST, NOTHING, POOR, RARE, SLIGHT, SURE, TWICE
 from seaid.errors import Finding, listed
@@ -257,5 +258,9 @@ def stiffness_disagrees(joint: str, response: Estimate, identified: Estimate) ->
 # Files for simulators
 
 
-not_in_format = partial(CODES["not-in-format"].finding, joint="", certainty="certain")
-"""Return that a written file does not hold a part of the model."""
+def not_in_format(
+    text: str, evidence: Mapping[str, float] = FrozenMapping({}), **more: Any
+) -> Finding:
+    """Return that a written file does not hold a part of the model."""
+    of_part = "part", "", {**evidence, "text": text}
+    return CODES["not-in-format"].finding(*of_part, certainty="certain", **more)

@@ -120,7 +120,7 @@ def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> 
     terms, "" if their names contain it.
     """
     for text in checks.poorly_determined:
-        yield CODES["poorly-determined"].note(f"{place}: {text}")
+        yield CODES["poorly-determined"].note("part", "", {"place": place, "text": text})
     for term in checks.terms:
         if term.bic <= 0:
             name = readable(ParameterName(term.terms[0], joint) if joint else term.terms[0])

@@ -150,7 +150,7 @@ def not_validated(is_unseen: bool, reasons: Iterable[str], own: Iterable[str]) -
     `reasons` are why some of these were not used, `own` the names of those that it was fitted to.
     """
     code = CODES["not-validated"]
-    yield from map(code.finding, reasons)
+    yield from (code.finding("unused", "", {"reason": reason}) for reason in reasons)
     yield from (code.finding("own-log", "", {"name": name}) for name in own)
     if not is_unseen:
         yield code.note("unseen")

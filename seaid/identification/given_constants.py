@@ -259,7 +259,7 @@ class GivenConstants:
     def known_errors(self, estimates: Mapping[str, RobotEstimate]) -> KnownErrors:
         """Return the errors with the slopes of estimates."""
         sides, errors, load = next(iter(estimates.values())), self.errors, None
-        fits, first = sides.fits, next(iter(self.conditions.values()))
+        fits, first, k = sides.fits, next(iter(self.conditions.values())), len(errors.names)
         equations = {
             name: _equations(name, x, estimates[name], self.constants[name])
             for name, x in self.conditions.items()
@@ -273,11 +273,12 @@ class GivenConstants:
             sides.fit.rows is None,
             error_names=[constant.key for constant in self.common],
         ) as (rows, _):
-            slopes = {key: fit.slopes(rows[equation]) for key, equation, fit in fits.equations}
+            slopes = {
+                key: fit.slopes(rows[equation])[:, 0 if key == LOAD else -k :]
+                for key, equation, fit in fits.equations
+            }
             if fits.refit is not None and self.common[0].is_offset:
                 load = fits.refit(rows[LOAD], errors.covariance)
-        k = len(errors.names)
-        slopes = {key: x if key == LOAD else x[:, -k:] for key, x in slopes.items()}
         levers = {}  # relative derivatives of N/r_M by each error: those of encoders change nothing
         for joint in fits.springs:
             after = np.array([offset_lever(constant.robot, joint) for constant in self.common])

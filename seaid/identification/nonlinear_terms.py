@@ -92,12 +92,8 @@ def searched_drives(drives: Mapping[str, Estimate], condition: Condition) -> dic
     """
     robot, allowed = condition.robot, dict(drives)
     searched = {name for name, x in PARAMETERS.items() if x.is_positive and x.starts}
-    joints = [
-        joint
-        for joint in drives.keys() & {*robot.elastic_joints, *condition.used}
-        if _equation(condition, joint).non_linear
-    ]
-    for joint, search in _searches(condition, joints):
+    joints = drives.keys() & {*robot.elastic_joints, *condition.used}
+    for joint, search in _searches(condition, _nonlinear(condition, joints)):
         nearby, estimate = robot.drives[joint].values, drives[joint]
         values = [
             nearby[name] if name in searched and value < 0 else value
@@ -378,7 +374,7 @@ def linearised(condition: Conditioned, joints: Sequence[str]) -> Conditioned:
     and for a hysteresis without reversals.
     """
     check_reversals(condition, joints)
-    nonlinear = [joint for joint in joints if _equation(condition, joint).non_linear]
+    nonlinear = _nonlinear(condition, joints)
     starts, scales = dict[str, Mapping[str, float]](), dict[str, Scale]()
     nominal, elastic = condition.robot.drives, {*condition.robot.elastic_joints}
     for joint in nonlinear:
@@ -401,12 +397,15 @@ def linearised(condition: Conditioned, joints: Sequence[str]) -> Conditioned:
     return condition
 
 
-def _equation(condition: Condition, joint: str) -> DriveRegressor:
-    """Return the equation in which a drive is searched."""
-    robot = condition.robot
-    if joint in robot.elastic_joints:
-        return regression.actuator_equation(robot, condition.motions[0], joint)[0]
-    return motor_regressor(robot, joint)
+def _nonlinear(condition: Condition, joints: Iterable[str]) -> list[str]:
+    """Return the joints of which the equations are nonlinear in parameters of their drives."""
+    robot, motion, nonlinear = condition.robot, condition.motions[0], []
+    for joint in joints:
+        equation = motor_regressor(robot, joint)
+        if joint in robot.elastic_joints:
+            equation = regression.actuator_equation(robot, motion, joint)[0]
+        nonlinear += [joint] if equation.non_linear else []
+    return nonlinear
 
 
 def _grid(

@@ -49,12 +49,6 @@ if TYPE_CHECKING:
     from seaid.identification import Identification
 
 
-BASE_FRAMES = CODES["base-frames"]
-BASE_JUMPS = CODES["base-jumps"]
-BASE_SENSOR = CODES["base-sensor"]
-LOCKED_OUTPUT = CODES["locked-output"]
-NO_TORQUE = CODES["no-torque"]
-
 FRAMES_HZ, BASE_TURNS_RAD_S, BASE_MOVES_M_S = 5.0, 0.05, 0.02
 """Low pass [Hz] behind which rates of a base are compared, in which 0.1 degrees of noise of an
 orientation are a tenth of the rate (rms) [rad/s] from which a base turns, and 0.1 mm of noise of a
@@ -77,27 +71,19 @@ def _missing_axes(record: BaseRecord) -> Iterator[Finding]:
         columns = zip("xyz", CHANNELS[name], () if values is None else values.T, strict=False)
         for axis, whole_name, column in columns:
             if whole_name in needed and is_constant(column):
-                yield BASE_SENSOR.wrong(
-                    f"the {axis} axis of the {name.replace('_', ' ')} of the base is "
-                    f"{column[0] + 0.0:.4g} all the time: it is missing",
-                    evidence={"value": float(column[0])},
-                    remedy="log all three axes, or give orientation with velocity or position",
-                    certainty="certain",
-                )
+                words = {"axis": axis, "name": name.replace("_", " ")}
+                evidence = {"value": float(column[0]) + 0.0, **words}
+                yield CODES["base-sensor"].finding("constant", "", evidence)
 
 
 def _jumps(record: BaseRecord) -> Iterator[Finding]:
     """Yield jumps of a pose, which were taken out."""
     for name, (count, largest, first_s) in base_jumps(record.samples, record.time).items():
         unit = {"position": " m", "velocity": " m/s"}.get(name, " rad")
-        yield BASE_JUMPS.note(
-            f"the {name} of the base has {counted(count, 'jump')}, by up to {largest:.3g}{unit}, "
-            f"first at t = {first_s:.4g} s, as of a state estimator that corrects itself: they "
-            "were taken out, and samples near them are not used",
-            evidence={"jumps": float(count), "largest": largest},
-            remedy="log the IMU, which does not jump",
-            certainty="certain",
-        )
+        words = {"name": name, "unit": unit, "times": counted(count, "jump")}
+        words["at"] = f"{first_s:.4g}"
+        evidence = {"jumps": float(count), "largest": largest, **words}
+        yield CODES["base-jumps"].finding("removed", "", evidence)
 
 
 def _contradicting_frames(record: BaseRecord) -> Iterator[Finding]:
@@ -121,12 +107,11 @@ def _contradicting_frames(record: BaseRecord) -> Iterator[Finding]:
 def _downwards(force: Array) -> Iterator[Finding]:
     """Yield a mean specific force (3,) in the world that has the direction of gravity."""
     if force[2] < -MOST * np.linalg.norm(force):
-        yield BASE_FRAMES.wrong(
-            "the specific force of the base points downwards: an accelerometer at rest measures "
-            "9.81 m/s^2 upwards",
-            evidence={"mean upwards [m/s^2]": float(force[2])},
-            remedy=_described("specific_force", "-1"),
+        evidence, lines = (
+            {"mean upwards [m/s^2]": float(force[2])},
+            _described("specific_force", "-1"),
         )
+        yield CODES["base-frames"].finding("downwards", "", evidence, lines)
 
 
 def _out_of_plane(base: FloatingBase, normal: Array, w: Array) -> Iterator[Finding]:
@@ -136,12 +121,8 @@ def _out_of_plane(base: FloatingBase, normal: Array, w: Array) -> Iterator[Findi
     outside = float(np.linalg.norm(np.std(w @ (np.eye(3) - base.turning), 0)))
     # a guide with play and an IMU that is mounted askew have a few hundredths
     if outside > max(RARE * inside, BASE_TURNS_RAD_S):
-        yield BASE_FRAMES.wrong(
-            f"the base turns with {outside:.2g} rad/s (rms) about the axes in its plane and with "
-            f"{inside:.2g} rad/s about the normal: it does not move in this plane",
-            evidence={"out of the plane [rad/s]": outside, "in the plane [rad/s]": inside},
-            remedy="load the robot with base='floating', or with the plane in which it moves",
-        )
+        evidence = {"out of the plane [rad/s]": outside, "in the plane [rad/s]": inside}
+        yield CODES["base-frames"].finding("plane", "", evidence)
 
 
 def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
@@ -213,8 +194,8 @@ def _misread(
         scale = np.sum(rates[0] * rates[1]) / np.sum(rates[1] ** 2)
         if abs(scale / float(unit[1]) - 1) >= RARE:
             return
-    text = f"the {names[0].replace('_', ' ')} {text}"
-    yield BASE_FRAMES.wrong(text, evidence={"correlation": 1 - misfit}, remedy=remedy)
+    evidence = {"correlation": 1 - misfit, "name": names[0].replace("_", " "), "text": text}
+    yield CODES["base-frames"].finding("misread", "", evidence, remedy)
 
 
 def turned_to_world(orientation: Array, vectors: Array, *, back: bool = False) -> Array:
@@ -244,10 +225,10 @@ def _correlation(x: Array, y: Array) -> float:
 
 
 RECORD_CHECKS = (
-    Check(BASE_SENSOR, (), _missing_axes),
-    Check(BASE_FRAMES, (), _contradicting_frames),
-    Check(BASE_FRAMES, (), _moving),
-    Check(BASE_JUMPS, (), _jumps),
+    Check(CODES["base-sensor"], (), _missing_axes),
+    Check(CODES["base-frames"], (), _contradicting_frames),
+    Check(CODES["base-frames"], (), _moving),
+    Check(CODES["base-jumps"], (), _jumps),
 )
 
 
@@ -263,29 +244,17 @@ def guide_findings(motions: Iterable[Motion]) -> list[Finding]:
     guided = dict.fromkeys(chain(*(base_of(x).guided for x in motions)))
     if not guided:
         return []
-    note = LOCKED_OUTPUT.note(
-        "the base does not move along or about an axis that its plane leaves free: a guide may "
-        f"hold it there by an unknown force or moment: not used are {listed([*guided])}",
-        evidence={"equations": float(len(guided))},
-        remedy="nothing, if the guide holds it; otherwise its column is dead, or its motion small",
-    )
-    return [note]
+    evidence = {"equations": float(len(guided)), "names": listed([*guided])}
+    return [CODES["locked-output"].finding("guided", "", evidence)]
 
 
 def missing_torques(asked: Sequence[str], used: Collection[str]) -> Iterator[Finding]:
     """Yield the note on joints of a floating base that are `asked` for and have no torque."""
     missing = [joint for joint in asked if joint not in used]
-    consequence = "the equations of the base alone are used"
-    if used:
-        consequence = "their equations are not used, and what moves by them is less certain"
     if missing:
-        yield NO_TORQUE.note(
-            f"the log has no torque of {listed(missing)}: {consequence}",
-            only_joint(missing),
-            evidence={"joints": float(len(missing))},
-            remedy="describe the torque of these joints, or name the others with torque_joints=",
-            certainty="certain",
-        )
+        evidence = {"joints": float(len(missing)), "names": listed(missing)}
+        case = "partly" if used else "all"
+        yield CODES["no-torque"].finding(case, only_joint(missing), evidence)
 
 
 _DETERMINED = 1e-6
@@ -387,9 +356,6 @@ def bodies_of_fit(identification: Identification) -> tuple[Array, bool]:
     return bodies + known.known_parameters, is_whole
 
 
-BASE_BIAS, SENSOR_ZERO = CODES["base-bias"], CODES["sensor-zero"]
-
-
 @dataclass(frozen=True, eq=False)
 class SensorBias:
     """Constant errors (k,) of an accelerometer [m/s^2] and of force sensors [N or N m].
@@ -447,14 +413,9 @@ def _bias_note(bias: Array, imu: Array) -> Finding:
     """Return the note on the bias (3, 2) of an accelerometer, with its error, in axes `imu`."""
     names = ("x [m/s^2]", "y [m/s^2]", "z [m/s^2]")
     evidence = dict(zip(names, bias[:, 0] @ imu, strict=True))
-    return BASE_BIAS.note(
-        f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in evidence.values())} m/s^2 "
-        f"(x, y, z, standard error {np.max(bias[:, 1]):.1g}): it was identified with the bodies "
-        "and subtracted",
-        evidence=evidence,
-        remedy="calibrate the accelerometer in several orientations, or let the base tilt more: "
-        "the bodies are less certain by the error of the bias",
-    )
+    words = {"sizes": ", ".join(f"{x:.2g}" for x in evidence.values())}
+    words["error"] = f"{np.max(bias[:, 1]):.1g}"
+    return CODES["base-bias"].finding("subtracted", "", {**evidence, **words})
 
 
 def _zeros_note(
@@ -464,14 +425,10 @@ def _zeros_note(
     zeros = {f"{_axis_of(*x)} [{'N m' if x[1] > 2 else 'N'}]": y for x, y in estimates.items()}
     texts = (f"{name} {value:.3g} +- {std:.1g}" for name, (value, std) in zeros.items())
     unknown = listed(_axis_of(*place) for place in hidden)
-    return SENSOR_ZERO.note(
-        f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies "
-        f"and subtracted{unknown and f'; not determined: {unknown}'}",
-        next(iter(estimates))[0],
-        evidence={name: value for name, (value, _) in zeros.items()},
-        remedy="set the sensors to zero with the feet in the air: the bodies are less certain "
-        "by the errors of the zeros",
-    )
+    words = {"zeros": ", ".join(texts), "unknown": unknown and f"; not determined: {unknown}"}
+    evidence = {name: value for name, (value, _) in zeros.items()}
+    link = next(iter(estimates))[0]
+    return CODES["sensor-zero"].finding("subtracted", link, {**evidence, **words})
 
 
 _BIASED_M_S2, _NO_BIAS_M_S2 = 0.02, 1.0

@@ -44,7 +44,7 @@ from seaid.identification.datasets import Dataset
 from seaid.identification.stacked_fits import SensorErrors
 from seaid.identification.validation import for_sensors
 from seaid.legged.base import bodies_of_fit, whole_body
-from seaid.legged.feet import CONTACT_FLAGS, FREE, LOADED, foot_places
+from seaid.legged.feet import FREE, LOADED, foot_places
 from seaid.legged.floating import (
     FloatingRobot,
     base_of,
@@ -74,8 +74,6 @@ from seaid.robot import Contact
 if TYPE_CHECKING:
     from seaid.identification import Identification
 
-GEOMETRY = CODES["geometry"]
-SOFT_FEET = CODES["soft-feet"]
 
 FOOT_TOUCHES_S = 0.06
 """Time [s] in which the force of a foot that lands or leaves is less than a threshold of 20 N, on
@@ -591,20 +589,9 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
         radius_m = max(radii.values())
         fitted_m = radius_m + change_m
         if 0 < fitted_m < largest_m:
-            yield GEOMETRY.finding(
-                f"the feet touch the ground as balls of {1e3 * fitted_m:.3g} mm, with a standard "
-                f"error of {1e3 * error_m:.2g} mm, and have {1e3 * radius_m:.3g} mm: the moments "
-                f"of the contact forces would go into the bodies; that explains {share:.0%} of the "
-                "squared residual",
-                severity="doubtful" if share >= MATTERS else "note",
-                evidence={
-                    "radius [m]": fitted_m,
-                    "standard error [m]": error_m,
-                    "explained": share,
-                },
-                remedy=f"load the robot with contacts of radius_m = {fitted_m:.4g}, also if the "
-                "foot is larger: a soft one touches nearer to its centre",
-            )
+            evidence = {"radius [m]": fitted_m, "standard error [m]": error_m, "explained": share}
+            given, matters = {"given": f"{1e3 * radius_m:.3g}"}, bool(share >= MATTERS)
+            yield CODES["geometry"].finding("feet", "", {**evidence, **given}, is_worse=matters)
 
 
 def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
@@ -617,15 +604,9 @@ def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
     pushes = [push for push in fit.significant_columns(regress, times, least_N) if push[1] > 0]
     if pushes:
         texts = [f"{value:.2g} +- {error:.1g} N {when}" for when, value, error, _ in pushes]
-        yield CONTACT_FLAGS.finding(
-            f"a foot pushes at the ground while it is flagged as in the air, with {listed(texts)}, "
-            f"fading within {FOOT_TOUCHES_S:g} s: these forces go into the bodies and the "
-            "total mass",
-            evidence={f"{when} [N]": value for when, value, *_ in pushes},
-            remedy="flag a foot from the first touch on: lower the threshold of its force (above = "
-            "... in the description of the log), or make each flag longer by "
-            f"{FOOT_TOUCHES_S:g} s at both ends",
-        )
+        evidence = {f"{when} [N]": value for when, value, *_ in pushes}
+        words = {"pushes": listed(texts), "fading": f"{FOOT_TOUCHES_S:g}"}
+        yield CODES["contact-flags"].finding("pushes", "", {**evidence, **words})
 
 
 def _sinking_feet(fit: LeggedFit) -> Iterator[Finding]:
@@ -643,15 +624,8 @@ def _sinking_feet(fit: LeggedFit) -> Iterator[Finding]:
     if compliance < _beyond_chance(estimate) * error or sinking_m < LENGTH_M:
         return
     evidence = {"compliance [m/N]": compliance, "standard error [m/N]": error}
-    yield SOFT_FEET.finding(
-        f"the feet sink in by {1e3 * sinking_m:.2g} mm under their mean load of {load_N:.3g} N, by "
-        f"{1e3 * compliance:.3g} +- {1e3 * error:.1g} mm/N: the contact forces act elsewhere than "
-        "at rigid feet, which makes the mass some tenths of a per cent wrong, and no standard "
-        "error contains that",
-        evidence={**evidence, "mean load [N]": load_N},
-        remedy="put the robot on hard ground, or harder feet on it; else load it with the radius "
-        "of the feet under their mean load (radius_m), or check that the joints do not give way",
-    )
+    evidence["mean load [N]"], words = load_N, {"sinking": f"{1e3 * sinking_m:.2g}"}
+    yield CODES["soft-feet"].finding("sink", "", {**evidence, **words})
 
 
 def _heights(robot: FloatingRobot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
@@ -727,9 +701,9 @@ def _level(up: Array) -> tuple[Array, Array]:
 
 
 FEET_CHECKS = (
-    Check(GEOMETRY, (), _radius),
-    Check(CONTACT_FLAGS, (), _pushing_feet),
-    Check(SOFT_FEET, (), _sinking_feet),
+    Check(CODES["geometry"], (), _radius),
+    Check(CODES["contact-flags"], (), _pushing_feet),
+    Check(CODES["soft-feet"], (), _sinking_feet),
 )
 """What the rows of a fit contradict in the feet."""
 

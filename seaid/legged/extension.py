@@ -67,9 +67,6 @@ if TYPE_CHECKING:
     from seaid.excitation.limits import JointLimits
     from seaid.excitation.stance import StandingRobot
 
-CONTACT_FORCES = CODES["contact-forces"]
-TOTAL_MASS = CODES["total-mass"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LeggedValidation(Validation):
@@ -165,21 +162,11 @@ def mass_findings(
     evidence = {"mass [kg]": mass_kg, "standard error [kg]": error_kg}
     evidence["robot file [kg]"] = nominal_kg
     if mass_kg < -sure_kg:
-        yield TOTAL_MASS.wrong(
-            f"the mass of the whole robot is negative, {mass_kg:.3g} kg",
-            evidence=evidence,
-            remedy="force sensors have the force of the ground on the robot, and torques act on "
-            f"the robot along its joint angles: turn their signs round{_turned_forces(motions)}",
-            certainty="certain",
-        )
+        lines = {"lines": _turned_forces(motions)}
+        yield CODES["total-mass"].finding("negative", "", {**evidence, **lines})
     elif mass_kg > 0 and not 1 / TWICE < ratio < TWICE and abs(mass_kg - nominal_kg) > sure_kg:
-        yield TOTAL_MASS.finding(
-            f"the mass of the whole robot is {mass_kg:.3g} kg, {ratio:.2g} of that "
-            f"of the robot file, {nominal_kg:.3g} kg",
-            evidence=evidence,
-            remedy="weigh the robot; is a force sensor or a torque in another unit (1 kgf is 9.81 "
-            "N), or does a force act that is not in the log?",
-        )
+        words = {"ratio": f"{ratio:.2g}"}
+        yield CODES["total-mass"].finding("far", "", {**evidence, **words})
 
 
 def _turned_forces(motions: Sequence[Motion]) -> str:
@@ -198,30 +185,14 @@ def force_findings(feet: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
     for link, foot in feet.items():
         error, scale = foot["relative_error"], foot["scale"]
         if error is not None and error > RARE:
-            yield CONTACT_FORCES.finding(
-                f"the measured force at {link} is not that of torques and motion: they differ by "
-                f"{error:.0%}, and least with the measured one times {scale:.2g}",
-                link,
-                evidence={"error": error, "scale": scale},
-                remedy="check sign, unit and frame of the force sensor (the force of the ground on "
-                "the link, in the frame of the link), and its zero in the air",
-            )
+            evidence = {"error": error, "scale": scale, "link": link}
+            yield CODES["contact-forces"].finding("differs", link, evidence)
         pulled = foot["pulled"]
         if pulled is not None and pulled > FEW:
             least_N, error_N = foot["least_normal"], foot["standard_error"]
-            yield CONTACT_FORCES.finding(
-                f"{link} would have to pull at the ground: its predicted normal force is clearly "
-                f"below zero in {pulled:.0%} of its stance, and is {least_N:.3g} N at least, with "
-                f"a standard error of {error_N:.2g} N",
-                link,
-                evidence={
-                    "least normal force [N]": least_N,
-                    "standard error [N]": error_N,
-                    "share of the stance": pulled,
-                },
-                remedy="check the flag of this foot, and that nothing else touches or carries the "
-                "robot",
-            )
+            evidence = {"least normal force [N]": least_N, "standard error [N]": error_N}
+            evidence |= {"share of the stance": pulled, "link": link}
+            yield CODES["contact-forces"].finding("pulls", link, evidence)
 
 
 def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
@@ -326,14 +297,11 @@ def _are_late(
     sources = base_sources(moving_base(side.robot), side.records[0])
     earlier = partial(changed_source, delay_s=round(delay, 5))
     lines = [f"{name} = {as_toml(earlier(source))}" for name, source in sources.items()]
-    return CODES["delay"].finding(
-        f"{listed([name.replace('_', ' ') for name in sources])} of the base are "
-        f"{1e3 * abs(delay):.2f} +- {1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} "
-        "against the torques and positions of the joints",
-        severity="doubtful" if is_doubt else "note",
-        evidence={"delay [s]": delay, "standard error [s]": error, "explained": share},
-        remedy=Remedy("in the description of the log:", {toml_table("base"): lines}),
-    )
+    words = {"channels": listed([name.replace("_", " ") for name in sources])}
+    words["late"] = "late" if delay > 0 else "early"
+    evidence = {"delay [s]": delay, "standard error [s]": error, "explained": share, **words}
+    remedy = Remedy("in the description of the log:", {toml_table("base"): lines})
+    return CODES["delay"].finding("base", "", evidence, remedy, is_doubt)
 
 
 def base_sources(base: FloatingBase, log: Log) -> dict[str, Mapping[str, Any]]:

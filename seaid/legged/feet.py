@@ -43,10 +43,6 @@ from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
 from seaid.robot import Contact, FloatingBase, Robot, torques_at_joints
 
-CONTACT_FLAGS = CODES["contact-flags"]
-SWAPPED_JOINTS = CODES["swapped-joints"]
-UNIDENTIFIABLE = CODES["unidentifiable"]
-
 FOOT_RISES_M_S, FOOT_SLIDES_M_S, FOOT_LIFTS_M = 0.08, 0.2, 0.015
 """Vertical and horizontal speed [m/s] of a foot that does not stand, and the way [m] up or down
 without a stop that a foot on the ground does not make, however soft it is. Feet of a simulated Go2
@@ -187,7 +183,7 @@ def _contradicted_flags(feet: FeetInMotion) -> Iterator[Finding]:
         yield from _resting(feet, feet.base.up)
 
 
-MOTION_CHECKS = (Check(CONTACT_FLAGS, (), _contradicted_flags),)
+MOTION_CHECKS = (Check(CODES["contact-flags"], (), _contradicted_flags),)
 """What is looked for in the motion of the feet."""
 
 
@@ -203,17 +199,10 @@ def _moving(feet: FeetInMotion, k: int, link: str) -> Iterator[Finding]:
         share = float(moving.sum()) / max(int(standing.sum()), 1)
         if share >= FEW:
             rms = float(np.sqrt(np.mean(speed[moving] ** 2)))
-            yield CONTACT_FLAGS.finding(
-                f"{link} is flagged as standing and {how}, with {rms:.2g} m/s during {share:.1%} "
-                f"of its stance, first at t = {feet.motion.time[np.argmax(moving)]:.3f} s",
-                link,
-                {"speed [m/s]": rms, "share of the stance": share},
-                "check the threshold and the delay of its flag, or exclude these times (exclude_s "
-                "of the description of the log)"
-                if is_doubtful
-                else "",
-                severity="doubtful" if is_doubtful else "note",
-            )
+            evidence = {"speed [m/s]": rms, "share of the stance": share, "link": link, "how": how}
+            evidence["at"] = f"{feet.motion.time[np.argmax(moving)]:.3f}"
+            case = "standing" if is_doubtful else "slipping"
+            yield CODES["contact-flags"].finding(case, link, evidence)
             return
 
 
@@ -244,15 +233,8 @@ def _resting(feet: FeetInMotion, up: Array) -> Iterator[Finding]:
             continue
         longest_s = float(np.max(rests_s))
         share = float(np.sum(rests_s)) * rate_hz / float(np.sum(in_air))
-        yield CONTACT_FLAGS.finding(
-            f"{link} is flagged as in the air and rests on the level of the others for "
-            f"{longest_s:.2g} s, {share:.0%} of that time in all: forces on it would go into the "
-            "bodies",
-            link,
-            {"longest rest [s]": longest_s, "share": share},
-            "check the sign, the threshold and the delay of its flag",
-            severity="wrong" if share > RARE else "doubtful",
-        )
+        evidence = {"longest rest [s]": longest_s, "share": share, "link": link}
+        yield CODES["contact-flags"].finding("rests", link, evidence, is_worse=share > RARE)
 
 
 def foot_places(robot: FloatingRobot, q: Array, links: Sequence[str]) -> Array:
@@ -279,19 +261,12 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
         rates = np.array([(motion.rate_hz, motion.cutoff_hz) for motion, _ in flagged])
         duration_s = float(np.sum(list(map(np.sum, lifts)) / rates[:, 0]))
         least_s = LEAST_LIFT / (POSITION_BAND * float(np.min(rates[:, 1])))
-        yield UNIDENTIFIABLE.note(
-            f"{link} is in the air for {duration_s:.2g} s in all, in {counted(count, 'lift')}, not "
-            "used: next to a change of contact the positions have a corner, and half a period of "
-            "the cutoff or less would determine the mass at this foot alone. That mass counts as "
-            "not determined",
-            link,
-            evidence={"in the air [s]": duration_s, "lifts": float(count)},
-            remedy=f"lift the foot for a second or more, or at least {least_s:.2g} s at a time",
-            certainty="certain",
-        )
+        evidence = {"in the air [s]": duration_s, "lifts": float(count), "link": link}
+        words = {"times": counted(count, "lift"), "least": f"{least_s:.2g}"}
+        yield CODES["unidentifiable"].finding("lifts", link, {**evidence, **words})
 
 
-LIFT_CHECKS = (Check(UNIDENTIFIABLE, (), unused_lifts),)
+LIFT_CHECKS = (Check(CODES["unidentifiable"], (), unused_lifts),)
 """What is looked for in the lifts of feet."""
 
 
@@ -381,15 +356,11 @@ def _late_flags(feet: FeetInMotion, speed_as_given: float, best: _Reading) -> Fi
         source = feet.source_of(link)
         whole = source if isinstance(source, Mapping) else {"columns": source}
         sources[link] = {"contact": changed_source(whole, delay_s=round(late_s, 3))}
-    return CONTACT_FLAGS.wrong(
-        f"the {f'flag of {late[0]} is' if len(late) == 1 else 'flags of the contacts are'} "
-        f"{'late' if late_s > 0 else 'early'} by about "
-        f"{abs(late_s):.2g} s: standing feet move with {speed_as_given:.2g} m/s (rms), and with "
-        f"{best.speed:.2g} m/s without this delay",
-        only_joint(late),
-        evidence={"delay [s]": late_s, "speed [m/s]": speed_as_given},
-        remedy=in_description(sources, table="contacts"),
-    )
+    words = {"flags": f"flag of {late[0]} is" if len(late) == 1 else "flags of the contacts are"}
+    words |= {"late": "late" if late_s > 0 else "early", "right": f"{best.speed:.2g}"}
+    evidence = {"delay [s]": late_s, "speed [m/s]": speed_as_given, **words}
+    lines = in_description(sources, table="contacts")
+    return CODES["contact-flags"].finding("late", only_joint(late), evidence, lines)
 
 
 @dataclass(frozen=True)
@@ -475,22 +446,16 @@ def _exchanges(feet: FeetInMotion) -> Iterator[Finding]:
         return
     moved = {names[j]: names[source] for j, source in enumerate(order.joints) if j != source}
     if moved:
-        yield SWAPPED_JOINTS.wrong(
-            f"legs are exchanged: standing feet move with {order.speed_as_given:.2g} m/s (rms), "
-            f"and with {order.speed:.2g} m/s if the channels of these joints are meant: "
-            f"{listed(f'{joint} by those of {source}' for joint, source in moved.items())}",
-            next(iter(moved)),
-            remedy=in_description({x: feet.channels_of(source) for x, source in moved.items()}),
-        )
+        pairs = listed(f"{joint} by those of {source}" for joint, source in moved.items())
+        words = {"given": f"{order.speed_as_given:.2g}", "right": f"{order.speed:.2g}"}
+        lines = in_description({x: feet.channels_of(source) for x, source in moved.items()})
+        of_legs = "legs", next(iter(moved)), {**words, "pairs": pairs}, lines
+        yield CODES["swapped-joints"].finding(*of_legs)
     if order.contacts:
         exchanged = ", ".join(f"{link} by that of {x}" for link, x in order.contacts.items())
         flags = {x: {"contact": feet.source_of(y)} for x, y in order.contacts.items()}
-        yield CONTACT_FLAGS.wrong(
-            f"the flags of contacts are exchanged: the feet stand as if that of {exchanged} were "
-            "meant",
-            next(iter(order.contacts)),
-            remedy=in_description(flags, table="contacts"),
-        )
+        lines, words = in_description(flags, table="contacts"), {"pairs": exchanged}
+        yield CODES["contact-flags"].finding("exchanged", next(iter(order.contacts)), words, lines)
 
 
 # Contacts that a log does not have: from its torques, with the bodies of the robot file

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import seaid
-from seaid import checks
+from seaid import checks, legged
 from seaid.checks import CODES, channels, columns, engine, model, setup, values, verdict
 from seaid.checks.codes import consequences, in_drives, merged, that_matter
 from seaid.checks.engine import Check, observed
@@ -147,11 +147,11 @@ DRIFT, HOLES = CODES["drift"], CODES["holes"]
 
 
 def holes(count: int) -> Iterator[Finding]:
-    yield HOLES.finding(f"{count} holes")
+    yield Finding("holes", f"{count} holes")
 
 
 def raising(count: int) -> Iterator[Finding]:
-    yield DRIFT.finding("a drift")
+    yield Finding("drift", "a drift")
     raise LogError(f"{count} rows are too few")
 
 
@@ -254,10 +254,12 @@ def test_texts_of_codes_are_those_of_codes() -> None:
 
 
 def test_each_case_of_a_code_is_used_and_its_templates_can_be_filled() -> None:
-    sources = "".join(x.read_text("utf-8") for x in Path(checks.__file__).parent.glob("*.py"))
+    folders = (Path(str(module.__file__)).parent for module in (checks, legged))
+    sources = "".join(x.read_text("utf-8") for folder in folders for x in folder.glob("*.py"))
     cases = [(name, case) for code in CODES.values() for name, case in code.cases.items()]
     assert len(cases) > 100
     for name, case in cases:
         assert f'"{name}"' in sources, name
         filled = case.filled(defaultdict(lambda: 1.0))
+        assert filled.message, name
         assert not {*"{}|"} & {*filled.message}, name
