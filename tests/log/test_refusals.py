@@ -1,42 +1,52 @@
-"""The texts of errors about logs: each is used, with the values that its braces name."""
+"""The texts of errors: each is used, with the values that its braces name."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
 from pathlib import Path
 from string import Formatter
+from typing import Any
 
-import seaid.log
-from seaid.log.refusals import REFUSALS, refusal
+import pytest
 
-TEXTS, ARGUMENTS = REFUSALS["texts"], REFUSALS["arguments"]
+from seaid.log import refusals
+from seaid.log.refusals import Refusals
+from seaid.project import project
+
+TABLES = [
+    pytest.param(refusals.refusal, refusals, id="log"),
+    pytest.param(project.refusal, project, id="project"),
+]
 
 
-def nodes() -> Iterator[ast.AST]:
-    """Yield the parts of all sources of the package."""
-    for path in Path(seaid.log.__file__).parent.rglob("*.py"):
-        yield from ast.walk(ast.parse(path.read_text("utf-8")))
-
-
-def test_each_text_is_used_with_its_values() -> None:
-    every = list(nodes())
-    assert TEXTS.keys() <= {x.value for x in every if isinstance(x, ast.Constant)}
-    calls = [x for x in every if isinstance(x, ast.Call) and ast.unparse(x.func) == "refusal"]
+@pytest.mark.parametrize(("refusal", "module"), TABLES)
+def test_each_text_is_used_with_its_values(refusal: Refusals[Any], module: Any) -> None:
+    nodes = [
+        node
+        for path in Path(module.__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+    ]
+    assert refusal.texts.keys() <= {x.value for x in nodes if isinstance(x, ast.Constant)}
+    calls = [x for x in nodes if isinstance(x, ast.Call) and ast.unparse(x.func) == "refusal"]
     for call in calls:
         names = {keyword.arg for keyword in call.keywords}
         for code in (x.value for x in ast.walk(call.args[0]) if isinstance(x, ast.Constant)):
-            fields = {field for _, field, *_ in Formatter().parse(TEXTS[code]) if field}
+            text = refusal.texts[str(code)]
+            fields = {field for _, field, *_ in Formatter().parse(text) if field}
             # ** of a mapping has no name, and may have any of the others.
             assert names - {None} <= fields, code
             assert None in names or names == fields, code
 
 
-def test_the_arguments_of_an_error_are_named_by_a_text() -> None:
+@pytest.mark.parametrize(("refusal", "module"), TABLES)
+def test_the_arguments_of_an_error_are_named_by_a_text(refusal: Refusals[Any], module: Any) -> None:
     """The command line puts the names of its options in their place."""
-    assert ARGUMENTS.keys() <= TEXTS.keys()
-    texts = " ".join(TEXTS.values())
-    assert all(argument in texts for arguments in ARGUMENTS.values() for argument in arguments)
-    error = refusal("too_short", duration_s=1.0, fewest=10.0, cutoff_hz=2.0)
+    assert refusal.arguments.keys() <= refusal.texts.keys()
+    texts = " ".join(refusal.texts.values())
+    assert all(argument in texts for x in refusal.arguments.values() for argument in x)
+
+
+def test_an_error_has_the_text_of_its_code_with_values() -> None:
+    error = refusals.refusal("too_short", duration_s=1.0, fewest=10.0, cutoff_hz=2.0)
     assert error.arguments == ("cutoff_hz",)
     assert str(error).startswith("the log is too short: 1 s are fewer than 10 periods")
