@@ -19,9 +19,9 @@ from seaid._progress import Display, sampled_text
 from seaid.errors import LogError, checked, listed
 from seaid.log import channels
 from seaid.log.base_log import BaseLog, base_log
+from seaid.log.channels import refusal
 from seaid.log.readers.array_files import write_hdf5, write_parquet
 from seaid.log.readers.table import Block
-from seaid.log.refusals import refusal
 from seaid.log.repair import Repair
 
 if TYPE_CHECKING:

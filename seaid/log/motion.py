@@ -15,7 +15,7 @@ from seaid._progress import Display, counted, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
 from seaid.errors import LogError, checked, listed
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
-from seaid.log.channels import quantity_of
+from seaid.log.channels import quantity_of, refusal
 from seaid.log.commands import commanded_torque, is_commanded
 from seaid.log.filtering import (
     BLUR_OF_COMMANDS,
@@ -26,7 +26,6 @@ from seaid.log.filtering import (
     select_cutoff,
     spline_derivatives,
 )
-from seaid.log.refusals import refusal
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable

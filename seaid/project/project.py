@@ -16,7 +16,7 @@ from seaid.estimation.fitting import EstimatorName
 from seaid.identification.problem import Method
 from seaid.legged import find_contacts, load_robot
 from seaid.log import Log, Repairs, read_log
-from seaid.log.refusals import Refusals
+from seaid.log.channels import Refusals
 from seaid.log.tables import Interval, Reader, types_of
 from seaid.robot import BaseKind, Contact, Payload, Robot
 

@@ -27,11 +27,15 @@ from seaid.drives.toml import drives_from_mapping
 from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shown
 from seaid.identification import Fit, Identification, Validation
 from seaid.log import Motion
+from seaid.log.channels import Refusals
 from seaid.log.motion import MotionWithBase, decimated
-from seaid.project.project import refusal
 from seaid.robot import Robot
 from seaid.robot.pinocchio_model import ModelJoint, joints_of, model_of
 from seaid.simulation import ReplayComparison
+
+# Not that of `project`, which loads all that reads and identifies.
+refusal = Refusals(Path(__file__).with_name("refusals.toml"), SeaidError)
+"""Return the error of a code about a saved run."""
 
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""

@@ -20,8 +20,8 @@ import numpy as np
 from seaid._arrays import Array, BoolArray
 from seaid._progress import counted
 from seaid.errors import LogError, listed, shortened
+from seaid.log.channels import refusal
 from seaid.log.readers.table import Block, Blocks, Table, check_memory, in_pieces, joined
-from seaid.log.refusals import refusal
 
 LONGEST_LINE = 1_000_000
 """Most characters of a line of a CSV file: 100 for each of the most columns."""

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from seaid.log import refusals
-from seaid.log.refusals import Refusals
+from seaid.log import channels
+from seaid.log.channels import Refusals
 from seaid.project import project
 
 TABLES = [
-    pytest.param(refusals.refusal, refusals, id="log"),
+    pytest.param(channels.refusal, channels, id="log"),
     pytest.param(project.refusal, project, id="project"),
 ]
 
@@ -47,6 +47,6 @@ def test_the_arguments_of_an_error_are_named_by_a_text(refusal: Refusals[Any], m
 
 
 def test_an_error_has_the_text_of_its_code_with_values() -> None:
-    error = refusals.refusal("too_short", duration_s=1.0, fewest=10.0, cutoff_hz=2.0)
+    error = channels.refusal("too_short", duration_s=1.0, fewest=10.0, cutoff_hz=2.0)
     assert error.arguments == ("cutoff_hz",)
     assert str(error).startswith("the log is too short: 1 s are fewer than 10 periods")
