@@ -19,9 +19,8 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, frozen, white_noise
 from seaid._files import toml_key
 from seaid._progress import Display
 from seaid.errors import LogError, unknown_name
-from seaid.log.channels import ANGLE, CHANNELS, check_finite, contact_columns
+from seaid.log.channels import ANGLE, CHANNELS, check_finite, contact_columns, refusal
 from seaid.log.filtering import STILL, low_pass, spline_derivatives
-from seaid.log.refusals import refusal
 from seaid.robot import BASE_ROWS, imu_motion
 
 if TYPE_CHECKING:

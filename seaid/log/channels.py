@@ -2,7 +2,8 @@
 
 A row of channels.toml is a quantity of a joint, of the base or of a contact. Its name is the field
 of `Log` or `BaseLog` and the key of a description; its columns in a file are the owner, the name
-and the SI unit: "knee.joint_position_rad", "base.velocity_x_m_per_s", "foot.force_z_N".
+and the SI unit: "knee.joint_position_rad", "base.velocity_x_m_per_s", "foot.force_z_N". What a log
+may not have is an error (`refusal`) by the codes of refusals.toml.
 """
 
 from __future__ import annotations
@@ -12,16 +13,37 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 
-from seaid._arrays import Array
-from seaid.log.refusals import refusal
+from seaid.errors import LogError, SeaidError
+
+if TYPE_CHECKING:
+    from seaid._arrays import Array
+
+_Error = TypeVar("_Error", bound=SeaidError)
 
 
 def _table_of(file: str) -> dict[str, Any]:
     return tomllib.loads(Path(__file__).with_name(file).read_text("utf-8"))
+
+
+class Refusals(Generic[_Error]):
+    """The errors of a file with `texts`, and the `arguments` that they name, by their codes."""
+
+    def __init__(self, file: Path, error: type[_Error]) -> None:
+        tables, self._error = tomllib.loads(file.read_text("utf-8")), error
+        self.texts: dict[str, str] = tables["texts"]
+        self.arguments: dict[str, list[str]] = tables.get("arguments", {})
+
+    def __call__(self, code: str, /, **values: object) -> _Error:
+        """Return the error of a code, with values for the braces of its text."""
+        return self._error(self.texts[code].format(**values), *self.arguments.get(code, ()))
+
+
+refusal = Refusals(Path(__file__).with_name("refusals.toml"), LogError)
+"""Return the error of a code about a log."""
 
 
 UNITS = _table_of("units.toml")

@@ -16,9 +16,8 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import COMMANDS, Drive
 from seaid.errors import LogError
-from seaid.log.channels import column_names
+from seaid.log.channels import column_names, refusal
 from seaid.log.filtering import low_pass, spline_derivatives
-from seaid.log.refusals import refusal
 from seaid.robot import at_drives
 
 if TYPE_CHECKING:

@@ -24,10 +24,10 @@ from seaid.log.channels import (
     UNIT_FACTORS,
     Frame,
     Quantity,
+    refusal,
     units_of,
 )
 from seaid.log.readers.table import MOST_COLUMNS, Block
-from seaid.log.refusals import refusal
 from seaid.log.repair import Repairs
 from seaid.log.tables import Interval, Reader, Within, types_of
 

@@ -19,8 +19,9 @@ from seaid._progress import Display, sampled_text
 from seaid.errors import LogError, checked, listed
 from seaid.log import channels
 from seaid.log.base_log import BaseLog, base_log
+from seaid.log.channels import refusal
 from seaid.log.readers.array_files import write_hdf5, write_parquet
-from seaid.log.refusals import refusal
+from seaid.log.readers.table import Block
 from seaid.log.repair import Repair
 
 if TYPE_CHECKING:
@@ -284,13 +285,6 @@ _NO_TORQUES = {"motor_position", "joint_position", "deflection", "motor_temperat
 _NO_TORQUES |= {"torque_command", "supply_voltage"}
 
 
-_NEEDS = {
-    True: "both positions and one torque, or at least motor position and motor torque",
-    False: "one position and one torque, current, voltage, position command or velocity command",
-}
-"""{whether a joint is elastic: what its log needs}."""
-
-
 def _are_enough(fields: Set[str], is_elastic: bool, may_lack_torque: bool) -> bool:
     """Return whether the sensors of a joint are enough for its drive."""
     # An elastic joint without its own encoder is identified from the motor's side alone.
@@ -300,10 +294,7 @@ def _are_enough(fields: Set[str], is_elastic: bool, may_lack_torque: bool) -> bo
 
 
 def _check_sensors(
-    robot: Robot,
-    logged: Mapping[str, Mapping[str, Array]],
-    picked: Iterable[str],
-    names: Sequence[str],
+    robot: Robot, logged: Mapping[str, Block], picked: Iterable[str], names: Sequence[str]
 ) -> None:
     """Raise LogError for the first joint of which {joint: {field: samples}} has too few fields."""
     has_torque = any(fields.keys() - _NO_TORQUES for fields in logged.values())
@@ -318,8 +309,9 @@ def _check_sensors(
         advice = f"its columns are {known}{near_names(missing, picked, names)}"
         if own_names(robot).isdisjoint(names):
             advice = f"its description names columns of the file, which are {listed(names)}"
-        what = f"needs {_NEEDS[elastic]}, found {listed(fields) or 'none'}"
-        raise LogError(f"joint '{joint}' {what}", advice=advice)
+        code = ("too_few_of_stiff", "too_few_of_elastic")[elastic]
+        reason = refusal(code, joint=joint, found=listed(fields) or "none")
+        raise LogError(reason, advice=advice)
 
 
 @checked(LogError)

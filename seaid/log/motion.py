@@ -15,7 +15,7 @@ from seaid._progress import Display, counted, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
 from seaid.errors import LogError, checked, listed
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
-from seaid.log.channels import quantity_of
+from seaid.log.channels import quantity_of, refusal
 from seaid.log.commands import commanded_torque, is_commanded
 from seaid.log.filtering import (
     BLUR_OF_COMMANDS,
@@ -26,7 +26,6 @@ from seaid.log.filtering import (
     select_cutoff,
     spline_derivatives,
 )
-from seaid.log.refusals import refusal
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
@@ -529,14 +528,12 @@ def _uniform(log: Log, joints: Sequence[str]) -> tuple[Array, dict[str, Array]]:
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
     # The last stamp may exceed the log's by rounding, and a spline would extrapolate there.
     time = np.minimum(log.time[0] + step * np.arange(count), log.time[-1])
-    resampled = {sensor: np.full((count, len(joints)), np.nan) for sensor in signals}
-    for sensor, values in signals.items():
-        for place in np.flatnonzero(np.isfinite(values[0])):
-            # The deflection rate multiplies the damping of the spring: the deflection is
-            # differentiated too.
-            how = "spline" if sensor == "deflection" else quantity_of(sensor).interpolation
-            resampled[sensor][:, place] = interpolated(log.time, values[:, place], time, how)
-    return time, resampled
+    # The deflection rate multiplies the damping of the spring: the deflection is differentiated.
+    how = {x: quantity_of(x).interpolation for x in signals} | {"deflection": "spline"}
+    return time, {
+        sensor: np.column_stack([interpolated(log.time, x, time, how[sensor]) for x in values.T])
+        for sensor, values in signals.items()
+    }
 
 
 def _base_on(log: Log, time: Array) -> BaseLog | None:

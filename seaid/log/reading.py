@@ -18,13 +18,12 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant
 from seaid.errors import LogError, SeaidWarning, checked
-from seaid.log.channels import quantity_of
+from seaid.log.channels import quantity_of, refusal
 from seaid.log.describe import Description
 from seaid.log.description import Described, LogDescription, description_for
 from seaid.log.log import WRITTEN, Log, columns_by_joint, unread_columns, write_log
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block
-from seaid.log.refusals import refusal
 from seaid.log.repair import FEWEST, Channel, Repair, Repairs, Report
 from seaid.log.repair.channels import bridged_s, in_gap, on_time, repaired_channel, resampled
 from seaid.log.repair.clocks import (

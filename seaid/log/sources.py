@@ -28,12 +28,12 @@ from seaid.log.channels import (
     UNIT_FACTORS,
     Quantity,
     column_names,
+    refusal,
     short_name,
 )
 from seaid.log.description import Clock, Key, LogDescription, Servo, Source, unit_size
 from seaid.log.log import Log, columns_by_joint, near_names, own_names, sorted_log
 from seaid.log.readers.table import Block, Table, check_lengths
-from seaid.log.refusals import refusal
 from seaid.log.repair import Channel, Repair
 from seaid.robot import FloatingBase, Robot, coupled_names
 

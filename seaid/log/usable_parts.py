@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, resolution, runs, white_noise
-from seaid.log.channels import quantity_of
+from seaid.log.channels import quantity_of, refusal
 from seaid.log.filtering import runs_that
 from seaid.log.log import MINIMUM_SAMPLES, Log
-from seaid.log.refusals import refusal
 from seaid.log.repair import Repair
 from seaid.log.repair.clocks import longest_bridge, typical_step
 

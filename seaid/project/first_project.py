@@ -35,6 +35,7 @@ from seaid.log.description import as_toml
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.reading import read_or_describe
 from seaid.log.repair.channels import held_over
+from seaid.project.project import refusal
 from seaid.robot import Robot
 
 _OWN_PART = 0.7
@@ -161,16 +162,11 @@ def write_first_project(
 def _check_request(file: Path, logs: object, drives: object, controllers: object) -> None:
     """Raise SeaidError for a project that exists, or arguments that do not go together."""
     if file.exists():
-        raise SeaidError(
-            f"'{file}' is there already: change it and run it, with `seaid run` or "
-            "seaid.run_project(folder), or remove it first"
-        )
+        raise refusal("project_exists", file=file)
     if not logs:
         raise SeaidError("a project needs a log: give the URDF and at least one log")
     if drives is not None and controllers:
-        raise SeaidError(
-            f"'{drives}' has the controllers of its drives: write the gains there, or leave it out"
-        )
+        raise refusal("given_controllers", drives=drives)
 
 
 def _known_drives(
@@ -550,12 +546,11 @@ def _input(sensors: Set[str]) -> MotorInput | Literal[""]:
 def _has_locked_output(log: Log, index: int, slides: bool) -> bool:
     """Return whether the position of a joint is logged and hardly changes while its motor moves.
 
-    That is by more than any gear or screw explains.
+    That is by more than any gear or screw explains. A side without an encoder is NaN, of which no
+    comparison is true.
     """
-    motor, joint = log.motor_position[:, index], log.joint_position[:, index]
-    has_both = bool(np.all(np.isfinite(joint)) and np.all(np.isfinite(motor)))
-    least = min(_MOVES[slides], float(np.ptp(motor)) / LARGEST_RATIO[slides])
-    return has_both and float(np.ptp(joint)) < least
+    motor, joint = np.ptp(log.motor_position[:, index]), np.ptp(log.joint_position[:, index])
+    return bool(joint < np.minimum(_MOVES[slides], motor / LARGEST_RATIO[slides]))
 
 
 def _unscaled(robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table]) -> list[str]:

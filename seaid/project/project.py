@@ -16,8 +16,12 @@ from seaid.estimation.fitting import EstimatorName
 from seaid.identification.problem import Method
 from seaid.legged import find_contacts, load_robot
 from seaid.log import Log, Repairs, read_log
+from seaid.log.channels import Refusals
 from seaid.log.tables import Interval, Reader, types_of
 from seaid.robot import BaseKind, Contact, Payload, Robot
+
+refusal = Refusals(Path(__file__).with_name("refusals.toml"), SeaidError)
+"""Return the error of a code about a project."""
 
 Use = Literal["identify", "validate"]
 Output = Literal["parameters", "report", "urdf", "mjcf"]
@@ -304,9 +308,7 @@ def _payloads(
 def check_logs(project: Project) -> None:
     """Raise SeaidError unless a log identifies, all logs exist, and no sample is used twice."""
     if not project.logs_for("identify"):
-        raise SeaidError(
-            f"'{project.file}' has no log to identify from: add [[log]] with file = \"run.csv\""
-        )
+        raise refusal("no_log", file=project.file)
     # before a long identification whose validation would fail
     missing = [path for log in project.logs for path in log.files if not path.exists()]
     if missing:
@@ -314,10 +316,8 @@ def check_logs(project: Project) -> None:
     _check_samples(project)
     strange = {log.condition for log in project.logs_for("validate")} - {*project.conditions, ""}
     if strange:
-        raise SeaidError(
-            f"'{project.file}': no log identifies the condition {listed(sorted(strange))} of a "
-            f"validation; conditions are {listed(project.conditions)}"
-        )
+        unknown, known = listed(sorted(strange)), listed(project.conditions)
+        raise refusal("no_such_condition", file=project.file, unknown=unknown, known=known)
 
 
 def _check_samples(project: Project) -> None:
@@ -326,10 +326,7 @@ def _check_samples(project: Project) -> None:
     files = [{real_path(path) for path in log.files} for log in project.logs]
     for (fitted, paths), (log, others) in permutations(zip(project.logs, files, strict=True), 2):
         if fitted.use == "identify" and paths & others and _overlap(fitted, log):
-            raise SeaidError(
-                f"'{project.file}': the log '{log.name}' is used twice: name each log once, and "
-                "validate on another, or give both a part, as between_s = [0, 20]"
-            )
+            raise refusal("used_twice", file=project.file, log=log.name)
 
 
 def _overlap(first: ProjectLog, second: ProjectLog) -> bool:

@@ -57,7 +57,7 @@ from seaid.identification import (
 )
 from seaid.identification.conditions import CONDITION_SPECIFIC
 from seaid.log import Log
-from seaid.project.project import Options, Project, check_logs, load_project
+from seaid.project.project import Options, Project, check_logs, load_project, refusal
 from seaid.project.saved import FILE, Run, save_run
 from seaid.report import facts_of, provenance_of
 from seaid.report.provenance import package_versions
@@ -307,27 +307,21 @@ def _cluster(executor: str, patience_s: float = 5.0) -> Iterator[Executor]:
     """
     kind, _, address = executor.partition(":")
     if kind != "dask" or not address:
-        wanted = "dask:ADDRESS, as dask:tcp://10.0.0.1:8786"
-        raise SeaidError(f"executor= must be {wanted}, found {value_text(executor)}", "executor=")
+        raise refusal("no_executor", executor=value_text(executor))
     try:
         client = import_module("distributed").Client(address, timeout=patience_s)
     except ImportError:
-        package = "the package distributed: get it with pip install 'seaid[dask]'"
-        raise SeaidError(f"'{executor}' needs {package}") from None
+        raise refusal("no_dask", executor=executor) from None
     except (OSError, ValueError) as problem:
-        silent = f"no scheduler answers at '{address}' within {patience_s:g} s"
-        raise SeaidError(f"{silent}: {reason_of(problem)}; start one by `dask scheduler`") from None
+        reason = reason_of(problem)
+        raise refusal("silent", address=address, patience=patience_s, reason=reason) from None
     with client:
         if set(client.nthreads().values()) != {1}:
-            start = f"`dask worker {address} --nthreads 1`"
-            raise SeaidError(f"each worker needs one thread, so that projects do not mix: {start}")
+            raise refusal("many_threads", address=address)
         installed = client.run(package_versions, on_error="return")
         others = [worker for worker in installed if installed[worker] != package_versions()]
         if others:
-            raise SeaidError(
-                f"worker {others[0]}: seaid and its libraries have other versions than here, "
-                f"{package_versions()}: install these"
-            )
+            raise refusal("other_versions", worker=others[0], versions=package_versions())
         yield client.get_executor()
 
 
@@ -373,16 +367,11 @@ def _check_together(project: Project) -> None:
     options, default = project.options, Options()
     alone = [x for x in ("method", "refine") if getattr(options, x) != getattr(default, x)]
     for name in [*alone, *['estimator = "iv"'] * (options.estimator == "iv")]:
-        raise SeaidError(
-            f"'{project.file}' [identify]: '{name}' is for logs of one condition: remove it, or "
-            "give all logs the same condition"
-        )
+        raise refusal("of_one_condition", file=project.file, name=name)
     folders = {_file_name(condition).casefold() for condition in project.conditions}
     if len({*folders, _INPUTS}) <= len(project.conditions):
-        raise SeaidError(
-            f"'{project.file}': each condition has a folder of its name: give other names than "
-            f"{listed(project.conditions)}, of letters and digits, and none '{_INPUTS}'"
-        )
+        names = listed(project.conditions)
+        raise refusal("no_folder_names", file=project.file, names=names, inputs=_INPUTS)
 
 
 def _unseen_logs(project: Project, condition: str) -> dict[str, Log]:

@@ -27,10 +27,15 @@ from seaid.drives.toml import drives_from_mapping
 from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shown
 from seaid.identification import Fit, Identification, Validation
 from seaid.log import Motion
+from seaid.log.channels import Refusals
 from seaid.log.motion import MotionWithBase, decimated
 from seaid.robot import Robot
 from seaid.robot.pinocchio_model import ModelJoint, joints_of, model_of
 from seaid.simulation import ReplayComparison
+
+# Not that of `project`, which loads all that reads and identifies.
+refusal = Refusals(Path(__file__).with_name("refusals.toml"), SeaidError)
+"""Return the error of a code about a saved run."""
 
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
@@ -172,10 +177,7 @@ def load_run(path: str | Path) -> Run:
             raise ValueError("it is no archive of a run")
         content = json.loads(arrays["content"].tobytes())
         if content["format"] != _FORMAT:
-            raise SeaidError(
-                f"it has the format {shown(content['format'])}, not '{_FORMAT}': another version "
-                "of seaid wrote it; repeat the run with this one, or load it with that one"
-            )
+            raise refusal("other_format", stored=shown(content["format"]), read=_FORMAT)
         if not np.array_equal(arrays.pop("checksum"), _checksum(arrays)):
             raise ValueError("its content is not what was saved, by its checksum")
         run: Run = _restored(content["run"], arrays)
@@ -187,23 +189,14 @@ def load_run(path: str | Path) -> Run:
     except SeaidError as problem:
         raise SeaidError(f"'{file}' cannot be loaded: {problem}") from None
     except Exception as problem:  # a damaged file raises any exception of its readers
-        raise SeaidError(
-            f"'{file}' is no saved run, which seaid run writes, and seaid identify -o NAME.npz, or "
-            f"it is damaged: {reason_of(problem)}; repeat the run"
-        ) from None
+        raise refusal("damaged", file=file, reason=reason_of(problem)) from None
 
 
 def _without_run(path: Path) -> SeaidError:
     """Return the error for a path without a saved run."""
     if conditions := sorted(saved.parent.name for saved in path.glob(f"*/{FILE}")):
-        return SeaidError(
-            f"'{path}' is a run of several conditions: name the folder of one, as "
-            f"{path / conditions[0]}; they are {listed(conditions)}"
-        )
-    return SeaidError(
-        f"no saved run at '{path}': name a folder of `seaid run`, such as runs/latest, or a "
-        "file of save_run"
-    )
+        return refusal("several", path=path, first=path / conditions[0], names=listed(conditions))
+    return refusal("no_run", path=path)
 
 
 def _fields_of(value: Any) -> dict[str, Any]:

@@ -157,7 +157,7 @@ ONE_IMPORTER = {
     "functions that users call": (
         "identification.conditions",
         *("frequency.frequency_response", "identification.output_error", "excitation.design"),
-        *("log.long_log", "project.project", "project.saved"),
+        *("log.long_log", "project.saved"),
         *("report.comparison", "symbolic.expression_text"),
         "regressor.structural_identifiability",
         *("export.mjcf", "export.urdf"),

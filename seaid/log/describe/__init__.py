@@ -24,7 +24,7 @@ from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.drives import COMMANDS, Controller
 from seaid.errors import Hertz, LogError, abridged, checked, in_one_line, listed, shortened
-from seaid.log.channels import UNIT_FACTORS
+from seaid.log.channels import UNIT_FACTORS, refusal
 from seaid.log.describe.base import infer_base
 from seaid.log.describe.inference import Doubt, Inference, check_used, is_state, sentences
 from seaid.log.describe.joints import (
@@ -38,7 +38,6 @@ from seaid.log.describe.names import Meaning, in_file, is_of_commands, meaning_o
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block, Table
-from seaid.log.refusals import refusal
 from seaid.log.repair import LARGEST
 from seaid.robot import Robot
 

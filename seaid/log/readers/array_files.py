@@ -23,6 +23,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._files import whole_file
 from seaid.errors import LogError, listed, shortened
+from seaid.log.channels import refusal
 from seaid.log.readers.table import (
     Arrays,
     Blocks,
@@ -38,7 +39,6 @@ from seaid.log.readers.table import (
     optional,
     table_of_arrays,
 )
-from seaid.log.refusals import refusal
 
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Compressions that NumPy writes; readers of others use unlimited memory."""

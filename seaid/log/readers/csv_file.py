@@ -18,9 +18,10 @@ from typing import TextIO
 import numpy as np
 
 from seaid._arrays import Array, BoolArray
+from seaid._progress import counted
 from seaid.errors import LogError, listed, shortened
+from seaid.log.channels import refusal
 from seaid.log.readers.table import Block, Blocks, Table, check_memory, in_pieces, joined
-from seaid.log.refusals import refusal
 
 LONGEST_LINE = 1_000_000
 """Most characters of a line of a CSV file: 100 for each of the most columns."""
@@ -429,12 +430,10 @@ def _check_width(header: _Header, cells: list[str], line: int) -> None:
         return
     if any("\0" in cell for cell in cells):
         raise refusal("zero_bytes", path=header.path, line=line)
-    hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
-    hint *= header.delimiter == "," and count > header.width
-    raise LogError(
-        f"'{header.path}' is not a table: line {line} has {count} cell{'s' * (count > 1)}, the "
-        f"first line {header.width} {'column names' if header.has_names else 'numbers'}{hint}"
-    )
+    has_commas = header.delimiter == "," and count > header.width
+    first = f"{header.width} {'column names' if header.has_names else 'numbers'}"
+    sizes = {"line": line, "cells": counted(count, "cell"), "first": first}
+    raise refusal("decimal_commas" if has_commas else "other_width", path=header.path, **sizes)
 
 
 def _cells(path: Path, lines: list[str], delimiter: str) -> Iterator[list[str]]:
@@ -445,20 +444,11 @@ def _cells(path: Path, lines: list[str], delimiter: str) -> Iterator[list[str]]:
         raise LogError(f"'{path}' is not a table: {problem}") from None
 
 
-_ONE_SIGN = "; write a decimal point, and no separators of thousands, in all cells of the column"
-
-
 def _no_number(header: _Header, place: int, rows: Mapping[int, list[str]], number: int) -> LogError:
     """Return the error of a cell that is a text, or whose separator has two meanings."""
     line, cell = [(line, texts[place]) for line, texts in rows.items()][number]
     values = {value for sign in ".," if (value := _value(cell, sign)) is not None}
-    fault = "is not a number: empty it if nothing was measured"
-    if _DATE.search(cell):
-        fault = "is not a number; write the time as seconds"
-    elif values:
-        meanings = " or ".join(f"{value:.9g}" for value in sorted(values))
-        fault = (f"may be {meanings}" if len(values) > 1 else "is not a number") + _ONE_SIGN
-    return LogError(
-        f"'{header.path}', line {line}: column '{shortened(header.names[place])}' has "
-        f"'{shortened(cell)}', which {fault}"
-    )
+    code = "date" if _DATE.search(cell) else ("no_number", "other_sign", "two_numbers")[len(values)]
+    meanings = " or ".join(f"{value:.9g}" for value in sorted(values))
+    where = {"path": header.path, "line": line, "cell": shortened(cell)}
+    return refusal(code, column=shortened(header.names[place]), meanings=meanings, **where)

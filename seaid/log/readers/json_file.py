@@ -13,8 +13,8 @@ import numpy as np
 
 from seaid._arrays import Array, as_float
 from seaid.errors import LogError, reason_of
+from seaid.log.channels import refusal
 from seaid.log.readers.table import Refused, Table, check_columns, check_memory, held, no_numbers
-from seaid.log.refusals import refusal
 
 _GROWTH = 10.0
 """Bytes in memory per byte of JSON."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from seaid._arrays import Array
 from seaid.errors import LogError, listed, reason_of, shortened, unknown_name
-from seaid.log.refusals import refusal
+from seaid.log.channels import refusal
 
 
 def free_memory() -> float:

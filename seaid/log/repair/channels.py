@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, is_constant, resolution, white_noise
-from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of
+from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of, refusal
 from seaid.log.filtering import low_pass, runs_that
-from seaid.log.refusals import refusal
 from seaid.log.repair import FEWEST, Channel, Repairs, Report
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step, typical_step
 

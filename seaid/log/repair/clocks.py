@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from seaid._arrays import Array, BoolArray, IndexArray
-from seaid.log.refusals import refusal
+from seaid.log.channels import refusal
 from seaid.log.repair import FEWEST, Channel, Report
 
 _LATE_RUN = 5
