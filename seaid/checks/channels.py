@@ -242,7 +242,8 @@ def _missing_drives(logged: Logged) -> Iterator[Finding]:
             }
             first, (ratio, _) = next(iter(gears.items()))
             evidence = {"motor over joint motion": ratio, "joints": ", ".join(gears)}
-            remedy = f"option: --drives FILE, or without one\n{in_drives(tables)}"
+            keys = 'option: --drives FILE, or drives = "FILE" at the top of seaid.toml, with\n'
+            remedy = f"{keys}{in_drives(tables)}"
             yield CODES["missing-drives"].finding("missing", first, evidence, remedy)
 
 

@@ -29,7 +29,7 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
+from seaid.checks.tolerances import FEW, LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
 from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import LEVEL_OF, MOTOR_CONSTANTS
@@ -327,15 +327,17 @@ def _is_impossible(side: Side, found: engine.Accepted) -> bool:
 
 
 def _missing_terms(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
-    """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
-    if any(_is_impossible(side, x) for x in accepted):
+    """Return the finding of terms that a drive lacks, with the field of the drive that has them.
+
+    Next to other weights the residual may be as large as before, or larger: these explain nothing.
+    """
+    if share < FEW or any(_is_impossible(side, x) for x in accepted):
         return None
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
     terms, is_spring = [trial.candidate.term for trial in trials], field == "spring"
     words = {"terms": " and ".join(f"'{term}'" for term in terms), "field": field}
-    # Next to other weights the residual may be larger than before.
-    words["explained part"] = f"{max(share, 0.0):.0%}"
+    words["explained part"] = f"{share:.0%}"
     words["equation"] = "motor" if side.is_motor else "torque"
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide

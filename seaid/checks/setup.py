@@ -884,7 +884,8 @@ def _sizes(logged: channels.Logged) -> Iterator[Finding]:
         yield CODES["geometry"].finding("large", "", evidence)
     size = float(np.linalg.norm(model.gravity.linear))
     if size > tol.STRONGEST_M_PER_S2:
-        yield CODES["gravity"].finding("strong", "", {"gravity [m/s^2]": size})
+        of_size = "strong", "", {"gravity [m/s^2]": size}, codes.with_gravity("0,0,-9.81")
+        yield CODES["gravity"].finding(*of_size)
 
 
 OF_LOGS: Sequence[Check[channels.Logged, Finding]] = (

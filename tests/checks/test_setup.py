@@ -680,6 +680,10 @@ def test_units_of_a_robot_file_are_plausible(what: str, tmp_path: Path) -> None:
     log = log_with(("a", "b"), time, joint_position=moved, motor_torque=moved)
     findings = [x for x in log_findings(robot, [log]) if x.code in ("geometry", "gravity")]
     assert [(x.code, x.severity) for x in findings] == [(code, "wrong")] * bool(code)
+    if code == "gravity":  # an option, or a line of the project file
+        option, line = findings[0].remedy.splitlines()
+        assert option.startswith("option: --gravity 0,0,-9.81, or ")
+        assert tomllib.loads(line)["gravity"] == [0, 0, -9.81]
 
 
 @pytest.mark.parametrize(("case", "kg"), quick_first([("arm", 1.5), ("leg", 2.6), ("leg", 4.0)]))
