@@ -184,7 +184,7 @@ class Inference:
         """
         values, limits = self.finite(name), self.limits(self.meanings[name].joint)
         turns = 0.0
-        if limits is not None and self.meanings[name].side != "motor":
+        if limits is not None and limits[0] < limits[1] and self.meanings[name].side != "motor":
             # 2 pi range / counts <= upper - lower, but for an offset of the encoder
             turns = 2 * np.pi / ((1 + _BEYOND) * (limits[1] - limits[0]))
         return float(max(np.max(np.abs(values)), turns * np.ptp(values)))
