@@ -708,3 +708,15 @@ def test_a_limit_is_of_the_motor_or_of_its_sensor(
         torques = np.abs(acts[np.abs(acts) >= end])
         beyond, error = worst.evidence["beyond the limit"], worst.evidence["standard error"]
         assert beyond == pytest.approx(np.mean(torques) - end, abs=3 * error)
+
+
+@pytest.mark.slow  # two identifications
+@pytest.mark.parametrize("is_stated", quick_first([True, False]))
+def test_a_stated_error_of_a_ratio_is_no_parallel_spring(is_stated: bool) -> None:
+    """A radius from the encoders is off by a thousandth, and its error is in the drives file."""
+    robot, key = arm().without_nominal(), "motor_pulley_radius_m"
+    drive = robot.drives["telescope"]
+    off: dict[str, Any] = {key: 1.001 * getattr(drive, key)}
+    changed = replace(drive, std={key: 1e-3 * off[key]} if is_stated else {}, **off)
+    found = seaid.identify(robot.with_drives({"telescope": changed}), arm_log(0))
+    assert [x.joint for x in findings(found)] == ["telescope"] * (not is_stated)
