@@ -12,16 +12,9 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array
+from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import (
-    CODES,
-    Cause,
-    moved_zeros,
-    only_joint,
-    undecided,
-    with_gravity,
-    with_payload,
-)
+from seaid.checks.codes import CODES, Cause, moved_zeros, only_joint, undecided, with_payload
 from seaid.checks.experiment import (
     Experiment,
     Transform,
@@ -59,7 +52,7 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
             text = ",".join(f"{x:.4g}" for x in size * direction + 0.0)
             evidence = {"tilt [deg]": math.degrees(tilt), "direction": text}
             is_wrong = tilt > tol.POOR
-            of_direction = "direction", "", evidence, with_gravity(text), is_wrong
+            of_direction = "direction", "", evidence, codes.with_gravity(text), is_wrong
             finding = CODES["gravity"].finding(*of_direction)
             yield Transform(finding, _with_gravity(experiment, size * direction), penalty)
 

@@ -30,15 +30,7 @@ from seaid.checks.terms import (
     with_term,
 )
 from seaid.checks.tolerances import FEW, LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
-from seaid.drives import (
-    IDEAL_DRIVE,
-    PARAMETERS,
-    PARAMETERS_OF,
-    Drive,
-    SeriesElasticDrive,
-    is_dry,
-    unit_of,
-)
+from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import LEVEL_OF, MOTOR_CONSTANTS
 from seaid.errors import Finding, listed
@@ -342,8 +334,6 @@ def _is_of_ratio(side: Side, found: engine.Accepted) -> bool:
     """
     joint, field, _ = found.trial.candidate.name
     drive = side.robot.drives[joint]
-    if not isinstance(drive, SeriesElasticDrive):
-        return False
     if field != "parallel_spring" or joint not in side.actuators:
         return False
     ratios = ("gear_ratio", "motor_pulley_radius_m", "load_pulley_radius_m")

@@ -466,10 +466,9 @@ class _Columns:
                 self.sources[quantity] = replace(source, counts_per_turn=power)
                 self.note(source.column, "counts_by_ratio", power=power, column=column)
             else:
-                power, per = source.counts_per_turn, "turn"
-                if power is None:
-                    power, per = source.counts_per_m, "m"
-                self.note(source.column, "counts", power=power, per=per)
+                per = "m" if source.counts_per_turn is None else "turn"
+                counts = source.counts_per_turn or source.counts_per_m
+                self.note(source.column, "counts", power=counts, per=per)
 
     def _unit_by_range(self, column: str) -> str | None:
         """Return the unit of an angle by how far it moves, None for a prismatic joint."""
