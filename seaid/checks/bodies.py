@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array
+from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Cause, moved_zeros, only_joint, undecided, with_payload
 from seaid.checks.experiment import (
@@ -51,7 +52,8 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
             text = ",".join(f"{x:.4g}" for x in size * direction + 0.0)
             evidence = {"tilt [deg]": math.degrees(tilt), "direction": text}
             is_wrong = tilt > tol.POOR
-            finding = CODES["gravity"].finding("direction", "", evidence, is_worse=is_wrong)
+            of_direction = "direction", "", evidence, codes.with_gravity(text), is_wrong
+            finding = CODES["gravity"].finding(*of_direction)
             yield Transform(finding, _with_gravity(experiment, size * direction), penalty)
 
 

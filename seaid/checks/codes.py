@@ -236,6 +236,11 @@ def with_payload(link: str, mass_kg: float, com_m: str) -> str:
     return f"option: --payload {link}:{mass_kg:.3g}:{com_m}, or in seaid.toml\n{table}"
 
 
+def with_gravity(direction: str) -> str:
+    """Return the remedy that gives gravity: by an option, or by a key of a project."""
+    return f"option: --gravity {direction}, or at the top of seaid.toml\ngravity = [{direction}]"
+
+
 def joints_of(findings: Iterable[Finding]) -> set[str]:
     """Return the joints that findings name, alone or among several."""
     return {joint for x in findings for joint in (x.joint, *x.joints) if joint}

@@ -29,7 +29,16 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_RANGE_K, LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
+from seaid.checks.tolerances import (
+    FEW,
+    LEAST_RANGE_K,
+    LEAST_SWING,
+    MATTERS,
+    MOST,
+    POOR,
+    SURE,
+    TWICE,
+)
 from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import BY_TEMPERATURE, LEVEL_OF, MOTOR_CONSTANTS
@@ -325,16 +334,35 @@ def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     return any(name in positive and value < 0 for name, value in values)
 
 
+def _is_of_ratio(side: Side, found: engine.Accepted) -> bool:
+    """Whether a parallel spring is within what the stated error of a ratio does to a spring.
+
+    The deflection r_M/N theta_M - r_L q of a ratio that is off by a part e has about e r_L q more:
+    next to a stiffness k it is a parallel spring of k r_L^2 e.
+    """
+    joint, field, _ = found.trial.candidate.name
+    drive = side.robot.drives[joint]
+    if field != "parallel_spring" or joint not in side.actuators:
+        return False
+    ratios = ("gear_ratio", "motor_pulley_radius_m", "load_pulley_radius_m")
+    parts = [drive.std[x] / getattr(drive, x) for x in ratios if x in drive.std]
+    stiffness, _ = side.motor_values(joint).get("stiffness", (0.0, 0.0))
+    spread = stiffness * drive.load_radius**2 * float(np.linalg.norm(parts))
+    return bool(abs(found.coefficients[0]) < SURE * np.hypot(found.errors[0], spread))
+
+
 def _missing_terms(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
-    """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
-    if any(_is_impossible(side, x) for x in accepted):
+    """Return the finding of terms that a drive lacks, with the field of the drive that has them.
+
+    Next to other weights the residual may be as large as before, or larger: these explain nothing.
+    """
+    if share < FEW or any(_is_impossible(side, x) or _is_of_ratio(side, x) for x in accepted):
         return None
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
     terms, is_spring = [trial.candidate.term for trial in trials], field == "spring"
     words = {"terms": " and ".join(f"'{term}'" for term in terms), "field": field}
-    # Next to other weights the residual may be larger than before.
-    words["explained part"] = f"{max(share, 0.0):.0%}"
+    words["explained part"] = f"{share:.0%}"
     words["equation"] = "motor" if side.is_motor else "torque"
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide

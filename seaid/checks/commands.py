@@ -408,10 +408,9 @@ def _is_folded(error: Array, torque: Array) -> bool:
     )
 
 
-_OTHER_GAINS = (
-    "add a log with other gains to identify_conditions, or a known delay in the drives file:\n"
-    'command_delay_s = 0.004\nknown = ["command_delay"]'
-)
+_OTHER_GAINS = "add a log with other gains to identify_conditions, or a known delay "
+
+_KNOWN_DELAY = 'command_delay_s = 0.004  # write yours\nknown = ["command_delay"]'
 
 
 @looks_for(CODES["command-delay"])
@@ -420,7 +419,7 @@ def delay_estimate_findings(robot: Robot, stated: Robot, load_side: Estimate) ->
 
     The robot has the delays at which the fit is linear, `stated` those that were given.
     """
-    sums, evidence, stated_s = list[str](), dict[str, float](), 0.0
+    sums, stated_at, evidence, stated_s = list[str](), list[tuple[str]](), dict[str, float](), 0.0
     for bus in buses_of(robot.drives, load_side.names):
         joints, place = [load_side.names[x].owner for x in bus.places], bus.places[0]
         delay, std = float(load_side.values[place]), float(load_side.standard_errors[place])
@@ -435,11 +434,13 @@ def delay_estimate_findings(robot: Robot, stated: Robot, load_side: Estimate) ->
                 scale = robot.drives[joint].ratio ** 2
                 slope, value, error = (scale * x for x in _sum_with_delay(load_side, joint))
                 sums.append(f"{joint} {value:.3g} +- {NORMAL_95 * error:.2g}")
+                stated_at.append((joint,))
                 evidence[f"armature and {slope:.3g} delay of {joint}"] = value
                 stated_s = max(stated_s, std)
     if sums:
         evidence["delay within [s]"] = NORMAL_95 * stated_s
-        of_sums = "sums", "", {**evidence, "sums": listed(sums)}, _OTHER_GAINS
+        lines = codes.in_drives(dict.fromkeys(stated_at, _KNOWN_DELAY), _OTHER_GAINS)
+        of_sums = "sums", "", {**evidence, "sums": listed(sums)}, lines
         yield CODES["command-delay"].finding(*of_sums)
 
 

@@ -884,7 +884,8 @@ def _sizes(logged: channels.Logged) -> Iterator[Finding]:
         yield CODES["geometry"].finding("large", "", evidence)
     size = float(np.linalg.norm(model.gravity.linear))
     if size > tol.STRONGEST_M_PER_S2:
-        yield CODES["gravity"].finding("strong", "", {"gravity [m/s^2]": size})
+        of_size = "strong", "", {"gravity [m/s^2]": size}, codes.with_gravity("0,0,-9.81")
+        yield CODES["gravity"].finding(*of_size)
 
 
 OF_LOGS: Sequence[Check[channels.Logged, Finding]] = (
@@ -930,7 +931,11 @@ def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Findin
     # a torque that ends at a limit has a factor that no sensor has, what holds an output is no body
     hidden = {"saturation", "locked-output"}
     kept = {*experiment.robot.joint_names} - {x.joint for x in known if x.code in hidden}
-    findings, without = mistakes(with_torques_of(experiment, kept).in_motion)
+    moving = with_torques_of(experiment, kept).in_motion
+    findings, without = mistakes(moving)
+    if not any(finding.severity != "note" for finding in findings):
+        with_rest = moving.without_bursts
+        findings, without = (findings, without) if with_rest is moving else mistakes(with_rest)
     is_named = any(finding.severity != "note" for finding in findings)
     beyond = [] if is_named else channels.limit_findings(experiment)
     return [*findings, *beyond, *observed(OF_REST, without)]

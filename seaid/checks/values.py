@@ -432,7 +432,9 @@ def gear_findings(
         joint
         for joint, estimate in drives.items()
         if joint not in gears and "stiffness" in estimate.names
-        if robot.drives[joint].ratio != 1 and not robot.drives[joint].gear_compliance
+        # a motor turns and a slide does not: a screw, a rack or a belt is between them
+        if robot.drives[joint].ratio != 1 or robot.drives[joint].joint_units[1] == "m"
+        if not robot.drives[joint].gear_compliance
         if not all(_is_by_deflection(source.get(joint, {})) for source in sources)
     ]
     if joints:

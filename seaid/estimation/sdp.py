@@ -128,8 +128,7 @@ class Program:
     def coordinates(self, unknowns: Array) -> Array:
         """Return (u, free unknowns) of unknowns (f,)."""
         distance = self.columns @ unknowns - self.estimate
-        u = safely(linalg.solve, self.root, distance, what="the covariance", check_finite=False)
-        return np.concatenate([u, unknowns[list(self.free)]])
+        return np.concatenate([_whitened(self.root, distance), unknowns[list(self.free)]])
 
 
 def covariance_root(covariance: Array, values: Array) -> Array:
@@ -142,11 +141,20 @@ def covariance_root(covariance: Array, values: Array) -> Array:
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.maximum(errors, 1e-10 * np.abs(values) + 1e-13)
     # Eigenvalues of the correlation, since parameters differ in unit and size.
-    spread, vectors = safely(
-        np.linalg.eigh, covariance / np.outer(scale, scale), what="the covariance"
-    )
+    correlation = covariance / np.outer(scale, scale)
+    spread, vectors = safely(np.linalg.eigh, correlation, what="the covariance")
     spread = np.maximum(spread, 1e-10 * np.max(spread, initial=1e-3))
     return np.asarray(scale[:, None] * vectors * np.sqrt(spread))
+
+
+def _whitened(root: Array, values: Array) -> Array:
+    """Return root^-1 values, for the root (p, p) of a covariance and values (p,) or (p, k).
+
+    Its rows have the sizes of parameters of different units: without them it is well conditioned.
+    """
+    sizes = np.linalg.norm(root, axis=1)
+    scaled = (root.T / sizes).T, (values.T / sizes).T
+    return np.asarray(safely(linalg.solve, *scaled, what="the covariance", check_finite=False))
 
 
 def floored_covariance(covariance: Array, white: Array) -> Array:
@@ -155,9 +163,8 @@ def floored_covariance(covariance: Array, white: Array) -> Array:
     A long-run covariance from a finite log is far too small in its smallest directions, which would
     dominate the distance. `white` (p, p) is that, without noise singular but for rounding.
     """
-    root, what = covariance_root(white, np.zeros(len(white))), "the covariance of white noise"
-    half = safely(linalg.solve, root, covariance, what=what)
-    relative = safely(linalg.solve, root, half.T, what=what)
+    root = covariance_root(white, np.zeros(len(white)))
+    relative = _whitened(root, _whitened(root, covariance).T)
     # root^-1 covariance root^-T = V diag(ratios) V^T: white noise has the ratios 1.
     ratios, vectors = safely(np.linalg.eigh, relative, what="the covariance over white noise")
     half = root @ vectors * np.sqrt(np.maximum(ratios, 1.0))

@@ -81,11 +81,11 @@ def conclude(problem: Problem, name: str) -> Identification:
     with guarded(CODES["missing-term"], findings):
         values, lacking = without_echoes(values, lacking, cutoff_hz)
         findings += consequences(findings, model_findings(lacking, findings))
-    # Cutoffs are compared by the noise of the logs alone, without the errors of constants.
+    # Cutoffs differ by the noise of the logs alone; it matters beyond the errors of constants.
     if is_only and not is_wrong(findings):
         with guarded(CODES["cutoff-sensitive"], findings):
             two_step = problem.two_step[name]
-            findings += sensitivity_findings(case, two_step, options.estimator)
+            findings += sensitivity_findings(case, two_step, final, options.estimator)
     result = _identification(problem, name)
     # Errors of the model differ at the drives of a bus, and with them delays.
     of_type = (x for x in final.shared if x.name.quantity != DELAY_PARAMETER)

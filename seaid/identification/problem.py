@@ -79,7 +79,8 @@ def explained(findings: Callable[[], Sequence[Finding]]) -> Iterator[None]:
         yield
     except SeaidError as problem:
         for wrong in [x for x in findings() if x.severity == "wrong"][:1]:
-            text = f"{wrong.code}: {wrong.message}; and so: {problem}\n{wrong.remedy}"
+            remedy = f"; remedy: {wrong.remedy}" if wrong.remedy else ""
+            text = f"{wrong.code}: {wrong.message}{remedy}\nand so: {problem}"
             problem.args = SeaidError(text).args
         raise
 

@@ -7,7 +7,7 @@ the influences of the rows. A difference beyond it is a bias of one of the estim
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -117,11 +117,15 @@ def _influences(fits: Sequence[WeightedFit], run: float) -> Array:
     return at_slots(influences, np.ones(len(places)), places)
 
 
-def _scores(fits: Sequence[WeightedFit], estimate: Estimate, propagated: Array | None) -> Array:
-    """Return the standard errors (p,) by which two fits differ, zero where it does not matter."""
+def _scores(
+    fits: Sequence[WeightedFit], stated_errors: Mapping[str, float], propagated: Array | None
+) -> Array:
+    """Return the standard errors (p,) by which two fits differ, zero where it does not matter.
+
+    A change within the `stated_errors` {parameter: standard error} does not.
+    """
     change, errors = difference(fits, propagated)
-    by_name = dict(zip(estimate.names, estimate.standard_errors, strict=True))
-    stated = np.array([by_name[name] for name in fits[0].rows.names])
+    stated = np.array([stated_errors[name] for name in fits[0].rows.names])
     H, y = fits[0].rows.H, fits[0].rows.y
     # Norm of the torque in the rows that a parameter acts on.
     torque = np.linalg.norm(y[:, None] * (H != 0), axis=0)
@@ -131,12 +135,25 @@ def _scores(fits: Sequence[WeightedFit], estimate: Estimate, propagated: Array |
     return np.where(matters & (scores > SIGNIFICANT), scores, 0.0)
 
 
+def _stated_errors(fit: FittedRows, of_noise: Estimate, stated: Estimate) -> dict[str, float]:
+    """Return {parameter: standard error} of a fit, with the errors of what was given as known.
+
+    They are to those by the noise of the logs as in the result, whose units may be others: a fit
+    for a motor constant of 1 has a stiffness over that constant.
+    """
+    errors = dict(zip(fit.estimate.names, fit.estimate.standard_errors.tolist(), strict=True))
+    for name in {*errors} & {*of_noise.names} & {*stated.names}:
+        before, after = of_noise.standard_error(name), stated.standard_error(name)
+        errors[name] *= max(after / before, 1.0) if before else 1.0
+    return errors
+
+
 def sensitivity_findings(
-    condition: two_step.Condition, sides: RobotEstimate, estimator: str
+    condition: two_step.Condition, sides: RobotEstimate, stated: RobotEstimate, estimator: str
 ) -> list[Finding]:
     """Return what a wider cutoff contradicts in two steps of wls or ols, and pulls to zero.
 
-    Of long logs the first pieces are compared.
+    `stated` has the errors of what was given as known. Of long logs the first pieces are compared.
     """
     if estimator not in ("wls", "ols"):
         return []
@@ -144,12 +161,12 @@ def sensitivity_findings(
     weights = equal_weights(sides.fit.qr_factor) if ordinary else sides.fit.weights
     findings = list(homogeneous(sides.fit, weights, cutoff_hz))
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
-        findings += _cutoff_findings(condition, sides, ordinary)
+        findings += _cutoff_findings(condition, sides, stated, ordinary)
     return findings
 
 
 def _cutoff_findings(
-    condition: two_step.Condition, sides: RobotEstimate, ordinary: bool
+    condition: two_step.Condition, sides: RobotEstimate, stated: RobotEstimate, ordinary: bool
 ) -> Iterator[Finding]:
     """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
     robot, motions = condition.robot, condition.motions
@@ -170,7 +187,11 @@ def _cutoff_findings(
             narrow = fit_of(fit.rows, weights, fit.qr_factor, constraint)
         else:
             narrow = fit_of(stacked(list(map(regress, few))), weights, None, constraint)
-        scores = _scores([narrow, wide], fit.estimate, fit.propagated)
+        of_noise, of_result = (
+            x.load_side if joint == LOAD else x.drives[joint] for x in (sides, stated)
+        )
+        errors = _stated_errors(fit, of_noise, of_result)
+        scores = _scores([narrow, wide], errors, fit.propagated)
         better = _better_cutoff(robot, joint, cutoff_hz, compress(rows.names, scores))
         remedy = f"{better}, and compare the values"
         values = dict(zip(ways, (narrow.values, wide.values), strict=True))

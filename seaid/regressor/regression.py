@@ -262,10 +262,11 @@ def actuator_equation(
     if np.all(np.isfinite(sensed)):
         return spring_regressor(robot, joint), {**by_name, "tau_L": sensed}
     others = [key for key, name in INPUTS.items() if np.all(np.isfinite(by_name[name]))]
-    hint = f"; it has its {others[0]}: set motor_input = '{others[0]}'" if others else ""
-    raise LogError(
-        f"elastic joint '{joint}' has no torque in the log: motor {kind} or joint torque{hint}"
-    )
+    text = f"elastic joint '{joint}' has no torque in the log: motor {kind} or joint torque"
+    if others:
+        key = f'motor_input = "{others[0]}"'
+        text = f"{text}; it has its {others[0]}: write {key} for this joint in the drives file"
+    raise LogError(text)
 
 
 def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:

@@ -386,7 +386,7 @@ def compare_replays(
     ----------
     before, after : Robot
         Models of one robot. A term of friction, a rotor inertia and a delay without a value count
-        as zero in `before`.
+        as zero in `before`, and what else it lacks is that of `after`, such as a stiffness.
     log : Log
         The log as of `replay`, best one that was not used for the identification.
     held_joints : mapping {joint: reason}, optional
@@ -419,7 +419,8 @@ def compare_replays(
     if not joints:
         raise SeaidError(f"no joint is left to replay: {'; '.join(map(': '.join, held.items()))}")
     log, states = _with_measured_motion(after, log, held)
-    models = {"nominal": without_unknown_terms(before), "identified": after}
+    nominal = _with_values_of(after, without_unknown_terms(before))
+    models = {"nominal": nominal, "identified": after}
     notes = [not_replayed(joint, reason) for joint, reason in held.items()]
     indices = [after.index(joint) for joint in joints]
     moved = []
@@ -560,6 +561,16 @@ def _plain(drive: Drive) -> Drive:
     kept = tuple(x for x in drive.friction if all(name in drive.values for name in terms[x]))
     inertia = drive.motor_inertia_kg_m2 or 0.0
     return replace(drive, friction=kept, motor_inertia_kg_m2=inertia)
+
+
+def _with_values_of(identified: Robot, nominal: Robot) -> Robot:
+    """Return the nominal robot with the values of the identified one that it needs and lacks."""
+    drives = dict(nominal.drives)
+    for joint, drive in nominal.drives.items():
+        lacking = {*drive.parameter_names}.difference(drive.values)
+        values = identified.drives[joint].values
+        drives[joint] = drive.with_values({x: values[x] for x in lacking if x in values})
+    return nominal.with_drives(drives)
 
 
 def _noise(position: Array) -> Array:

@@ -182,6 +182,21 @@ def test_no_combination_is_known_better_than_white_noise_allows() -> None:
     np.testing.assert_allclose(floored_covariance(rank_one, rank_one), rank_one, rtol=1e-6)
 
 
+def test_parameters_of_very_different_sizes_are_no_singular_covariance() -> None:
+    """Of the root the condition number is 1e14, which is that of the units."""
+    sizes = 10.0 ** np.linspace(-7, 7, TOLD + 1)
+    plain = program(0)
+    wide = replace(
+        plain,
+        columns=sizes[:, None] * plain.columns,
+        estimate=sizes * plain.estimate,
+        root=sizes[:, None] * plain.root,
+    )
+    unknowns = np.arange(1.0, plain.columns.shape[1] + 1)
+    distance = plain.coordinates(unknowns)
+    np.testing.assert_allclose(wide.coordinates(unknowns), distance, rtol=1e-9)
+
+
 def test_programs_without_a_solution_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Numbers that are not finite, or too different in size, and a search that does not end."""
     one = program(0)

@@ -1,6 +1,7 @@
 """Logs with position commands and no torque: the controller is known, its delay perhaps not."""
 
 import math
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -148,6 +149,8 @@ def test_a_delay_that_the_log_does_not_determine_is_as_stated(urdf: Path) -> Non
     ((text, value),) = (x for x in finding.evidence.items() if x[0].startswith("armature"))
     assert "armature and" in text
     assert value == pytest.approx(values["motor_inertia"][0])
+    lines = tomllib.loads(finding.remedy.partition("in the drives file:\n")[2])
+    assert lines == {"j": {"command_delay_s": 0.004, "known": ["command_delay"]}}
     narrow = seaid.identify(robot_of(urdf, HARD, None, 1e-3), log)
     assert values_of(narrow)["command_delay"][1] == pytest.approx(1e-3, rel=1e-3)
 

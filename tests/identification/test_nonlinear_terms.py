@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from seaid.checks.codes import CODES
 from seaid.drives import Drive
 from seaid.errors import IdentificationError, LogError
 from seaid.identification import Identification, identify, identify_conditions, refine
+from seaid.identification.problem import explained
 from seaid.log import Log, Motion
 from seaid.regressor import identifiability
 from seaid.robot import Payload, Robot
@@ -326,7 +328,7 @@ LACKING: dict[str, tuple[Drive, dict[str, Any]]] = {
         replace(ELASTIC, known=("stiffness",)),
         {"method": "simultaneous"},
     ),
-    "'two' has no torque in the log: motor current.*set motor_input = 'torque'": (TWO, {}),
+    "'two' has no torque in the log: motor current.*write motor_input = \"torque\"": (TWO, {}),
 }
 """{words of the error: the drive of the joint, and options}."""
 
@@ -338,6 +340,14 @@ def test_what_a_method_or_a_log_lacks_is_said(words: str) -> None:
     known = robot(two=drive).without_nominal()
     with pytest.raises((IdentificationError, LogError), match=words):
         identify(known, noisy("plain"), cutoff_hz=10.0, **option)
+
+
+def test_an_error_stands_behind_its_cause_and_the_remedy_of_that() -> None:
+    """The remedy stood at the end, as if it were that of the error."""
+    cause = CODES["sign"].finding("opposite", "two", {"subject": "torques"}, "in the file:\nsign")
+    words = "sign: torques .*; remedy: in the file:\nsign\nand so: no torque: write a key"
+    with pytest.raises(LogError, match=words), explained(lambda: [cause]):
+        raise LogError("no torque: write a key")
 
 
 def test_refine_says_what_it_does_not_simulate() -> None:

@@ -221,6 +221,22 @@ def test_one_joint_of_several_that_is_replayed_worse_is_named() -> None:
     assert "20 mm, 2 times that before" in warning.message
 
 
+def test_a_nominal_model_without_a_stiffness_has_the_identified_one(tmp_path: Path) -> None:
+    spring = seaid.SeriesElasticDrive(
+        gear_ratio=10.0, motor_inertia_kg_m2=2e-3, friction=(), stiffness_Nm_per_rad=40.0
+    )
+    robot = chain(tmp_path, "first").with_drives({"first": spring})
+    time = np.arange(0.0, 0.3, 0.005)
+    torque, still = 0.1 * np.sin(9 * time)[:, None], np.zeros((len(time), 1))
+    start = {"joint_position": still, "motor_position": still}
+    log = log_with(robot.joint_names, time, motor_torque=torque, **start)
+    log = replace(log, joint_position=rollout(robot, log).joint_position)
+    unknown = robot.with_drives({"first": replace(spring, stiffness_Nm_per_rad=None)})
+    compared = compare_replays(unknown, robot, log)
+    np.testing.assert_array_equal(compared.before, compared.after)
+    assert np.ptp(compared.after) > 0.0
+
+
 def test_models_of_two_robots_are_refused() -> None:
     other = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
     with pytest.raises(seaid.SeaidError, match=r"before=: the joints .*give two models of one"):

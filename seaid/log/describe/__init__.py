@@ -32,6 +32,7 @@ from seaid.log.describe.joints import (
     is_sensor,
     joint_names,
     take_bare_names,
+    take_positions,
     take_quantities,
 )
 from seaid.log.describe.names import Meaning, in_file, is_of_commands, meaning_of
@@ -173,7 +174,9 @@ def describe_log(
     if not names:
         about = "; ".join(filter(None, [listed(table.names, _SHOWN), table.notice]))
         raise refusal("no_position", files=" + ".join(map(str, paths)), columns=about)
-    for joint in dict.fromkeys(names.values()):
+    joints = [*dict.fromkeys(names.values())]
+    take_positions(inference, joints)
+    for joint in joints:
         take_quantities(inference, joint)
     _set_clocks(inference, clocks, names, table.files)
     gains = _gains(samples, inference)

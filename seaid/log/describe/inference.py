@@ -160,12 +160,34 @@ class Inference:
     def take(self, name: str, doubt: str = "", /, **changes: Any) -> None:
         """Change the meaning of a column, and note why."""
         self.meanings[name] = replace(self.meanings[name], **changes)
+        self.__dict__.pop("_by_meaning", None)  # computed anew with the next question
         self.note(name, doubt, **changes)
+
+    def alike(self, name: str) -> list[str]:
+        """Return the columns of other joints that have the name of a column but for one word.
+
+        They are those of the same sensor: "hip_position_inc" and "knee_position_inc".
+        """
+        meaning, forms = self.meanings[name], {*_forms(name)}
+        others = (x for x, m in self.logged(meaning.quantity).items() if m.joint != meaning.joint)
+        return [x for x in others if not forms.isdisjoint(_forms(x))]
 
     def finite(self, name: str) -> Array:
         """Return the samples of a column that are finite."""
         values = self.data[name]
         return values[np.isfinite(values)]
+
+    def least_counts(self, name: str) -> float:
+        """Return the least counts per turn of an encoder that counts within one turn.
+
+        With them the position of a joint stays within its range, too.
+        """
+        values, limits = self.finite(name), self.limits(self.meanings[name].joint)
+        turns = 0.0
+        if limits is not None and limits[0] < limits[1] and self.meanings[name].side != "motor":
+            # 2 pi range / counts <= upper - lower, but for an offset of the encoder
+            turns = 2 * np.pi / ((1 + _BEYOND) * (limits[1] - limits[0]))
+        return float(max(np.max(np.abs(values)), turns * np.ptp(values)))
 
     def has_one_sign(self, name: str) -> bool:
         """Return whether the samples of a voltage or a duty cycle have one sign.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -263,10 +263,63 @@ def _note_guesses(labels: Sequence[str], inference: Inference) -> None:
             inference.note(name, "guessed_joint")
 
 
+def take_sides(inference: Inference, joints: Sequence[str]) -> None:
+    """Take of two positions of a joint that which moves much farther for the motor's.
+
+    It may be an estimate of the drive, next to an encoder of the joint. So are positions of other
+    joints that have such a name.
+    """
+    for joint in joints:
+        measured = inference.having("position", joint)
+        names = [*measured, *inference.having("position", joint, role="estimated")]
+        if not measured or any(inference.meanings[x].side == "motor" for x in names):
+            continue
+        ranges = _ranges(inference, names)
+        small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
+        # Gears of robots reduce, so that the motor moves farther than the joint.
+        is_far = len(names) == 2 and ranges[large] > 5 * ranges[small]
+        if is_far and not inference.meanings[large].side:
+            inference.take(small, role="measured")
+            _take_for_motor(inference, large, "moves_farther", small)
+            for name in inference.alike(large):
+                if not inference.meanings[name].side:
+                    _take_for_motor(inference, name, "like_motor", large)
+
+
+def _take_for_motor(inference: Inference, name: str, doubt: str, column: str) -> None:
+    """Take a position for that of the motor, because of another column."""
+    inference.take(name, role="measured", side="motor")
+    inference.note(name, doubt, column=column)
+
+
+def _ranges(inference: Inference, names: Sequence[str]) -> dict[str, float]:
+    """Return the ranges of positions: in rad if the units of all are known, else as they are."""
+    factors = [POSITION_FACTORS.get(inference.meanings[name].unit or "") for name in names]
+    known = [1.0 if None in factors or x is None else x for x in factors]
+    pairs = zip(names, known, strict=True)
+    return {name: factor * float(np.ptp(inference.finite(name))) for name, factor in pairs}
+
+
+def take_positions(inference: Inference, joints: Sequence[str]) -> None:
+    """Take the positions of joints and their motors, with the counts of their encoders."""
+    take_sides(inference, joints)
+    columns = [_Columns(inference, joint) for joint in joints]
+    for of_joint in columns:
+        of_joint.add_positions()
+    by_ratio = {x: counts for of_joint in columns for x, counts in of_joint.counts_by_ratio()}
+    for of_joint in columns:
+        of_joint.settle_counts(by_ratio)
+
+
+def _slope(motor: Array, load: Array) -> float:
+    """Return the slope of the motor's position over the joint's, by least squares."""
+    good = np.isfinite(motor) & np.isfinite(load)
+    return float(np.cov(motor[good], load[good])[0, 1] / np.var(load[good], ddof=1))
+
+
 def take_quantities(inference: Inference, joint: str) -> None:
-    """Take the columns of a joint for its quantities."""
+    """Take the other columns of a joint, whose positions are taken, for its quantities."""
     columns = _Columns(inference, joint)
-    columns.add_positions()
     has_both = len(columns.sources) == 2
     columns.add_deflection()
     columns.add_torques()
@@ -334,8 +387,6 @@ class _Columns:
     def add_positions(self) -> None:
         """Add the positions of motor and joint, with their units."""
         motor, load = self.having("position", "motor"), self.having("position", "joint", "")
-        if load and not motor:
-            motor, load = self._sides_by_range(load)
         for quantity, columns in (("motor_position", motor), ("joint_position", load)):
             for column in self.first("positions", columns):
                 self.take(quantity, column, **self._position_unit(column, quantity))
@@ -351,25 +402,12 @@ class _Columns:
         fits = self.inference.is_within(source.column, factor, self.joint)
         self.note(source.column, "joint_side", is_usual=fits and not self.inference.is_of_a_drive)
 
-    def _sides_by_range(self, names: list[str]) -> tuple[list[str], list[str]]:
-        """Return motor positions and joint positions, if no name states the motor's side."""
-        ranges = {name: float(np.ptp(self.inference.finite(name))) for name in names}
-        small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
-        # Gears of robots reduce, so that the motor moves farther than the joint, in the same unit.
-        if len(names) == 2 and ranges[large] > 5 * ranges[small] and not self.meaning(large).side:
-            self.note(large, "moves_farther", column=small)
-            return [large], [small]
-        return [], names
-
     def _position_unit(self, column: str, quantity: str) -> dict[str, Any]:
         """Return the arguments for the unit of a position, none for rad."""
         values, unit = self.inference.finite(column), self.meaning(column).unit
         is_whole = np.ptp(values) > 100 and np.all(values == np.round(values))
         if unit == "counts" or (unit is None and is_whole):
-            # Encoders have 2^k counts per turn: the least power above all counts, if they reach a
-            # whole turn.
-            power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
-            return self._counts(column, quantity, float(power))
+            return self._counts(column, quantity)
         if unit is not None:
             return {}
         if unit := unit_by_velocity(self.inference, column, self.joint):
@@ -378,11 +416,16 @@ class _Columns:
             unit = self._unit_by_range(column)
         return {} if unit in (None, "rad") else {"unit": unit}
 
-    def _counts(self, column: str, quantity: str, power: float) -> dict[str, Any]:
-        """Return the unit of an encoder with the guessed size of its counts, and its zero."""
+    def _counts(self, column: str, quantity: str) -> dict[str, Any]:
+        """Return the unit of an encoder with the guessed size of its counts, and its zero.
+
+        Encoders have 2^k counts per turn: the least power above all counts, if they reach a whole
+        turn, of all encoders with such a name.
+        """
+        names = [column, *self.inference.alike(column)]
+        power = 2.0 ** math.ceil(math.log2(max(2.0, *map(self.inference.least_counts, names))))
         is_of_joint, slides = quantity == "joint_position", self.inference.is_prismatic(self.joint)
         per = "m" if is_of_joint and slides else "turn"
-        self.note(column, "counts", power=power, per=per)
         counts: dict[str, Any] = {"unit": "counts", f"counts_per_{per}": power}
         is_within = partial(self.inference.is_within, column, 2 * np.pi / power, self.joint)
         # A servo in the middle of its range reads half a turn, which is the zero of its joint.
@@ -390,6 +433,42 @@ class _Columns:
             self.note(column, "half_a_turn", middle=power / 2)
             counts["offset"] = -np.pi
         return counts
+
+    def counts_by_ratio(self) -> Iterator[tuple[str, tuple[float, str]]]:
+        """Yield the motor's column with its counts by those of the joint, and the latter's column.
+
+        The slope of the counts of the motor over those of the joint is N c_M / c_L. A motor turns
+        several times, so that the size of its counts says nothing of c_M.
+        """
+        motor, load = (self.sources.get(x, _PLAIN) for x in ("motor_position", "joint_position"))
+        robot = self.inference.robot
+        if robot is None or motor.counts_per_turn is None or load.counts_per_turn is None:
+            return
+        slope = _slope(*(self.inference.data[x.column] for x in (motor, load)))
+        counts = load.counts_per_turn * abs(slope / total_ratio(robot.drives[self.joint]))
+        power = 2.0 ** round(math.log2(max(counts, 2.0)))
+        if abs(counts / power - 1) < SCALE_SPREAD:
+            yield motor.column, (power, load.column)
+
+    def settle_counts(self, by_ratio: Mapping[str, tuple[float, str]]) -> None:
+        """Set the counts of the motor {column: counts, column of the joint}, or those of its like.
+
+        What is a guess is noted.
+        """
+        for quantity, source in [*self.sources.items()]:
+            like = [
+                x for x in (source.column, *self.inference.alike(source.column)) if x in by_ratio
+            ]
+            if source.unit != "counts":
+                continue
+            if like and quantity == "motor_position":
+                power, column = by_ratio[like[0]]
+                self.sources[quantity] = replace(source, counts_per_turn=power)
+                self.note(source.column, "counts_by_ratio", power=power, column=column)
+            else:
+                per = "m" if source.counts_per_turn is None else "turn"
+                counts = source.counts_per_turn or source.counts_per_m
+                self.note(source.column, "counts", power=counts, per=per)
 
     def _unit_by_range(self, column: str) -> str | None:
         """Return the unit of an angle by how far it moves, None for a prismatic joint."""
@@ -523,10 +602,8 @@ class _Columns:
         best = max(sides, key=lambda side: correlation(motor, side) ** 2)
         if not correlation(motor, best) ** 2 > _STIFF:
             return
-        good = np.isfinite(motor) & np.isfinite(best)
-        # Least squares of the motor's position over the joint's: the slope is N, and is negative
-        # for encoders that count against each other.
-        ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
+        # The slope is N, and is negative for encoders that count against each other.
+        ratio = _slope(motor, best)
         robot = self.inference.robot
         known = 1.0 if robot is None else total_ratio(robot.drives[self.joint])
         if abs(abs(ratio / known) - 1) > SCALE_SPREAD:

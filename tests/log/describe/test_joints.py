@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
+from seaid.drives import StiffDrive
 from seaid.errors import LogError
 from seaid.legged import load_robot
 from seaid.log import Description, describe, describe_log, read_log
@@ -139,6 +140,52 @@ def test_counts_of_a_joint_that_slides_are_read(tmp_path: Path) -> None:
     assert text.startswith("q_counts: in counts: 1024 per m")
     log = read_log(columns, robot, description=guess.description)
     assert np.max(log.joint_position) == pytest.approx(900 / 1024, rel=1e-2)
+
+
+def test_counts_of_motors_follow_from_the_gear_ratio_and_those_of_the_joints(
+    tmp_path: Path,
+) -> None:
+    """A motor turns many times: its counts were a guess by their size, and the wheel a joint's."""
+    robot = chain(tmp_path, "hip", "wheel", limit=1.0)
+    geared = {x: StiffDrive(gear_ratio=36.0) for x in robot.joint_names}
+    turns = GOAL / np.ptp(GOAL) / 8  # of the joint, which stays within its limits
+    columns = {
+        "t": TIME,
+        "hip_actual_position_inc": np.round(36 * 2**12 * turns),
+        "hip_aux_encoder_inc": np.round(2**14 * turns),
+        "wheel_actual_position_inc": np.round(36 * 2**12 * 40 * turns),
+    }
+    columns |= {f"{joint}_torque_Nm": wave(0.9) for joint in geared}
+    guess = describe_log(columns, robot.with_drives(geared))
+    sources = guess.description.joints
+    hip = [sources["hip"][x].counts_per_turn for x in ("motor_position", "joint_position")]
+    assert hip[1] == 4 * (hip[0] or 0)
+    assert [*sources["wheel"]] == ["motor_position", "motor_torque"]
+    assert sources["wheel"]["motor_position"].counts_per_turn == hip[0]
+    said = "\n".join(guess.unsure)
+    assert "by the gear ratio and the guess for hip_aux_encoder_inc" in said
+    assert f"hip_aux_encoder_inc: in counts: {hip[1]:.0f} per turn is a guess" in said
+
+
+def test_an_estimate_of_a_drive_next_to_a_joint_encoder_is_that_of_its_motor() -> None:
+    """The columns of an ODrive: turns of the motor, of which the torque is, too."""
+    columns = {
+        "t": TIME,
+        "axis_hip_pos_estimate_turns": 24 * GOAL / (2 * np.pi),
+        "axis_hip_torque_estimate_Nm": wave(0.9),
+        "hip_output_encoder_deg": np.rad2deg(GOAL),
+    }
+    guess = describe_log(columns)
+    (sources,) = guess.description.joints.values()
+    assert {x: (y.column, y.unit, y.side) for x, y in sources.items()} == {
+        "motor_position": ("axis_hip_pos_estimate_turns", "turn", None),
+        "joint_position": ("hip_output_encoder_deg", "deg", None),
+        "motor_torque": ("axis_hip_torque_estimate_Nm", None, None),
+    }
+    assert not any("is not used" in text for text in guess.unsure)
+    smoothed = columns | {"axis_hip_pos_estimate_turns": GOAL / (2 * np.pi)}
+    (alone,) = describe_log(smoothed).description.joints.values()
+    assert "motor_position" not in alone
 
 
 @pytest.mark.parametrize(("given", "is_said"), [(100.0, False), (50.0, True), (None, True)])
