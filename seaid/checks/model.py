@@ -471,4 +471,8 @@ def _with_common_delay(
         return others
     pairs = [(side.side, side.selection) for side in selected]
     common = common_delay(pairs, delays_of(selected))
-    return findings if common is None else [common, *others]
+    if common is None:
+        return findings
+    # it is as severe as those of single joints that it stands for
+    alike = by_severity(x for x in (common, *findings) if x.code == "delay")
+    return [replace(common, severity=alike[0].severity), *others]
