@@ -651,7 +651,7 @@ def is_beyond(side: Side, joint: str, accepted: Acceptance, share: float) -> Fin
     evidence = {"beyond the limit": value, "standard error": error, "explained": share}
     words = {"quantity": channel.replace("_", " "), "size": abs(value)}
     case = "beyond" if value > 0 else "less"
-    is_worse = _changes_by(tol.POOR, side, accepted)
+    is_worse = _changes_much(side, accepted)
     return codes.CODES["saturation"].finding(case, joint, {**evidence, **words}, is_worse=is_worse)
 
 
@@ -664,15 +664,16 @@ def is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Findi
     # one that is within its error: it stands for another cause.
     if delay is None or not tol.SURE * delay[1] < abs(delay[0]) < 0.5 / side.motions[0].cutoff_hz:
         return None
-    is_doubt = _changes_by(tol.POOR, side, accepted)
+    is_doubt = _changes_much(side, accepted)
     is_doubt |= channel == "joint_position" and _changes_friction(side, joint, value[0])
     is_doubt |= abs(delay[0]) - tol.SURE * delay[1] > tol.LEAST_DELAY_S
     finding = late_channels(side, {joint: channel}, delay, share, is_doubt)
     # A value that is by half too large or too small is not to be used.
-    return replace(finding, severity="wrong") if _changes_by(tol.MOST, side, accepted) else finding
+    is_wrong = _changes_much(side, accepted, tol.MOST)
+    return replace(finding, severity="wrong") if is_wrong else finding
 
 
-def _changes_by(part: float, side: Side, accepted: Acceptance) -> bool:
+def _changes_much(side: Side, accepted: Acceptance, part: float = tol.POOR) -> bool:
     """Whether what was accepted changes a positive parameter of the fit by a part of what it is.
 
     That is beyond its errors, and a part of the value next to what was accepted.
