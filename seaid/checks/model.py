@@ -134,6 +134,7 @@ _FRICTION = {*chain(*PARAMETERS_OF["friction"].values(), *PARAMETERS_OF["joint_f
 
 _TORQUE = SideNeed("a torque that was logged", lambda *of: bool(gears.torque_channel(*of)))
 _BOTH_ENCODERS = SideNeed("encoders on both sides", lambda side, x: side.has_both_encoders(x))
+_MOTOR_ALONE = SideNeed("a stiff gear with the encoder of its motor alone", gears.is_motor_alone)
 _TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.robot.index(j)])
 # an offset moves the commands as well: `commands` looks at it
 _NO_CONTROLLERS = SideNeed("no controllers", lambda side, _: not side.robot.has_controllers)
@@ -151,6 +152,12 @@ GEAR_CHECKS = (
         (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, columns.MOTION),
         gears.zeros,
         gears.zero_is_off,
+    ),
+    ColumnCheck(
+        CODES["gear-ratio"],
+        (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, _MOTOR_ALONE),
+        gears.ratios,
+        gears.ratio_is_other,
     ),
 )
 """The checks of a gear and its sensors, in the order in which their findings are listed."""
