@@ -139,6 +139,7 @@ _COMMAND = SideNeed(
     lambda *of: gears.torque_channel(*of) in {"motor_torque", "motor_current"},
 )
 _BOTH_ENCODERS = SideNeed("encoders on both sides", lambda side, x: side.has_both_encoders(x))
+_MOTOR_ALONE = SideNeed("a stiff gear with the encoder of its motor alone", gears.is_motor_alone)
 _TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.robot.index(j)])
 # an offset moves the commands as well: `commands` looks at it
 _NO_CONTROLLERS = SideNeed("no controllers", lambda side, _: not side.robot.has_controllers)
@@ -160,12 +161,24 @@ GEAR_CHECKS = (
         gears.zeros,
         gears.zero_is_off,
     ),
+    ColumnCheck(
+        CODES["gear-ratio"],
+        (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, _MOTOR_ALONE),
+        gears.ratios,
+        gears.ratio_is_other,
+    ),
 )
 """The checks of a gear and its sensors, in the order in which their findings are listed."""
 
 
 COLUMN_CHECKS = (
     *(*DRIVE_CHECKS, *GEAR_CHECKS),
+    ColumnCheck(
+        CODES["nominal-values"],
+        (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS),
+        columns.known_bodies,
+        columns.known_body_differs,
+    ),
     ColumnCheck(CODES["logs-differ"], (), _other_set_ups, _is_another_set_up),
 )
 """The checks of an equation, in the order in which their findings are listed."""
@@ -473,4 +486,8 @@ def _with_common_delay(
         return others
     pairs = [(side.side, side.selection) for side in selected]
     common = common_delay(pairs, delays_of(selected))
-    return findings if common is None else [common, *others]
+    if common is None:
+        return findings
+    # it is as severe as those of single joints that it stands for
+    alike = by_severity(x for x in (common, *findings) if x.code == "delay")
+    return [replace(common, severity=alike[0].severity), *others]

@@ -513,7 +513,17 @@ def _scale(
     remedy = _stated(names, [error * (is_of_motors and not exact)] * len(names))
     of_joints = experiment, dict.fromkeys(joints, factor), channels
     evidence = {"factor": slope} | known | words
-    return multiplied(CODES[code], case, *of_joints, evidence, float(not exact), remedy=remedy)
+    # errors of bodies in the robot file do not explain it
+    is_worse = abs(math.log(size)) > math.log(tol.TWICE)
+    return multiplied(
+        CODES[code],
+        case,
+        *of_joints,
+        evidence,
+        float(not exact),
+        remedy=remedy,
+        is_worse=is_worse,
+    )
 
 
 def _rescaled(

@@ -223,10 +223,11 @@ class RobotFit:
     of the rows of a floating base where no joint has a torque. `residual` is the norm of the
     residual of all joints over that of their torques without contact forces, of a floating base, in
     the own logs and in excluded blocks. `rows_per_parameter` are the independent ones, infinite
-    without blocks; `predicted` are the errors of other motions by joint. `own` (R,) are the rows of
-    the logs concerned, None for all; `weak` are joints whose spring is hardly loaded, `lacking`
-    those whose motor equation lacks a term. `logs` {run of the rows: number of its log, from 1}
-    name the logs. `notes` are on checks that could not be made.
+    without blocks; `predicted` are the errors of other motions by joint, and `beyond` the torques
+    of the identified bodies over those of the robot file, or over those measured if these are
+    larger. `own` (R,) are the rows of the logs concerned, None for all; `weak` are joints whose
+    spring is hardly loaded, `lacking` those whose motor equation lacks a term. `logs` {run of the
+    rows: number of its log, from 1} name the logs. `notes` are on checks that could not be made.
     """
 
     joint_names: tuple[str, ...]
@@ -238,6 +239,7 @@ class RobotFit:
     weak: Collection[str] = ()
     lacking: Collection[str] = ()
     predicted: Mapping[str, float] = FrozenMapping({}, "joint")
+    beyond: Mapping[str, float] = FrozenMapping({}, "joint")
     logs: Mapping[int, int] = field(default_factory=dict)
     notes: Sequence[Finding] = ()
 
@@ -324,6 +326,9 @@ def robot_fit(
             residual = _whole(rows, computed, joints), _whole(rows, predicted, joints)
         fits = FrozenMapping(joints, "joint")
         whole = replace(bare, joints=fits, residual=residual, rows_per_parameter=count)
+        usual = np.std([experiment.target, experiment.of_file], axis=1)
+        beyond = {names[j]: size / np.max(usual[:, j]) for j, size in sizes.items()}
+        whole = replace(whole, beyond=beyond)
     with guarded(CODES["few-rows"], notes):
         whole = replace(whole, predicted=_prediction_errors(experiment, base, load))
     return replace(whole, notes=notes)
@@ -476,6 +481,11 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
         elif fit.nominal < tol.MOST**0.5 * fit.identified and fit.identified > tol.POOR:
             evidence = {"identified bodies": fit.identified, "nominal bodies": fit.nominal}
             yield CODES["no-fit"].finding("better-by-file", joint, evidence)
+        if (times := whole.beyond.get(joint, NAN)) > tol.MANY_TIMES:
+            # What cancels such a torque stands, as it does, for something that the model lacks.
+            beyond = {"torque of the bodies over the usual one": times}
+            is_worse = times > tol.FAR
+            yield CODES["no-fit"].finding("cancelled", joint, beyond, is_worse=is_worse)
 
 
 def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,12 +18,13 @@ from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.export import content_of
 from seaid.identification.problem import Method
+from seaid.legged import load_robot
 from seaid.log import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, true_value
 from tests.experiments import leg_log as loaded_leg_log
 from tests.mistakes import with_channels
-from tests.plants import regression
+from tests.plants import log_with, regression, write_robot
 from tests.representatives import quick_first
 
 
@@ -337,3 +339,40 @@ def test_a_term_that_seaid_adds_itself_is_not_to_be_removed(term: str, action: s
     (finding,) = regression_notes("motor side of knee", "motor side", "knee", checks)
     assert finding.code == "needless-term"
     assert finding.message.endswith(f"(BIC -5); {action}")
+
+
+def sprung_foot(folder: Path, one_sided: float, both_sides: float) -> seaid.Identification:
+    """Return an identification of a foot of 0.9 kg that parallel springs [N m/rad] pull.
+
+    The first one pulls beyond 0.05 rad only, and the drive declares a linear one.
+    """
+    m, c, inertia, g = 0.9, np.array([0.06, 0.0, -0.05]), 0.005, 9.81
+    link = f'<inertial><origin xyz="0.06 0 -0.05"/><mass value="{m}"/><inertia ixx="{inertia}" '
+    link += f'iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = {"ankle": "revolute base foot <axis xyz='0 1 0'/>"}
+    path = write_robot(folder / "foot.urdf", joint, link)
+    drive = {"type": "stiff", "gear_ratio": 60.0, "parallel_spring": ["linear", "preload"]}
+    robot = load_robot(path, {"ankle": {**drive, "friction": ["viscous", "coulomb"]}})
+    time, rng = np.arange(0.0, 20.0, 0.004), np.random.default_rng(3)
+    frequency, phase = np.linspace(0.15, 1.6, 7), rng.uniform(0, 2 * np.pi, 7)
+    angle = 2 * np.pi * frequency * time[:, None] + phase
+    sizes = 0.3 / frequency / np.linalg.norm(1 / frequency)
+    q, a = np.sin(angle) @ sizes, -np.sin(angle) @ (sizes * (2 * np.pi * frequency) ** 2)
+    speed = np.cos(angle) @ (sizes * 2 * np.pi * frequency)
+    # gravity on the centre (x, z), turned about y by q
+    gravity = -m * g * (c[0] * np.cos(q) + c[2] * np.sin(q))
+    torque = (inertia + m * c @ c) * a + gravity + 0.1 * speed + 0.7 * np.sign(speed)
+    torque += one_sided * np.maximum(q - 0.05, 0) + both_sides * q
+    torque = torque / 60 + 1e-3 * rng.normal(size=len(time))
+    log = log_with("ankle", time, joint_position=q, motor_position=60 * q, motor_torque=torque)
+    return seaid.identify(robot, log)
+
+
+@pytest.mark.parametrize("one_sided", [90.0, 0.0])
+def test_bodies_and_a_spring_that_cancel_each_other_are_no_result(
+    tmp_path: Path, one_sided: float
+) -> None:
+    """A spring that pulls on one side is near to what a heavy body and a linear spring leave."""
+    found = sprung_foot(tmp_path, one_sided, 40.0)
+    named = {finding.code for finding in found.findings if finding.severity != "note"}
+    assert ("no-fit" in named) == (found.verdict.level != "good") == bool(one_sided)
