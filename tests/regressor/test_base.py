@@ -12,7 +12,13 @@ from seaid.errors import ExcitationError, RobotError, SeaidError
 from seaid.excitation.criteria import pivoted_base
 from seaid.legged import load_robot
 from seaid.regressor import base_parameters, cross_check, joint_torques, rigid_body_regressor
-from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
+from seaid.regressor.base import (
+    grouped_text,
+    left_to_right,
+    negligible,
+    random_states,
+    regressor_into,
+)
 from seaid.regressor.load import load_columns, load_model
 from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
@@ -165,14 +171,14 @@ def test_many_samples_come_in_blocks(tulip_leg: Robot, monkeypatch: pytest.Monke
     whole = [base_parameters(robots[0], x, torque_joints=PITCHES) for x in (None, motion)]
     model = load_model(robots[0], base_parameters(robots[0], torque_joints=PITCHES), PITCHES)
     columns = load_columns(robots[0], motion, model, {}).H
-    sizes, compute = list[int](), rigid_body_regressor
+    sizes, compute = list[int](), regressor_into
     monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 1e5)
 
     def counted(robot: Robot, *states: Array) -> Array:
         sizes.append(len(states[0]))
         return compute(robot, *states)
 
-    monkeypatch.setattr("seaid.regressor.base.rigid_body_regressor", counted)
+    monkeypatch.setattr("seaid.regressor.base.regressor_into", counted)
     blocks = [base_parameters(robots[1], x, torque_joints=PITCHES) for x in (None, motion)]
     assert np.array_equal(load_columns(robots[1], motion, model, {}).H, columns)
     assert max(sizes) == 6
