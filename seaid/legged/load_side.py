@@ -43,6 +43,7 @@ from seaid.regressor.load import (
     LoadColumns,
     LoadModel,
     LoadSide,
+    Sides,
     Springs,
     drive_columns,
     drive_parameters,
@@ -140,6 +141,18 @@ class FloatingLoadSide(LoadSide):
     ) -> LoadColumns:
         """Return the `load_columns`."""
         return floating_columns(self.robot, motion, model, springs, further=further)
+
+    def in_band(
+        self,
+        motion: Motion,
+        model: LoadModel,
+        springs: Springs,
+        further: Array | None,
+        known: Array,
+        rows: IndexArray,
+    ) -> Sides:
+        """Return the `Sides` of the `load_columns`."""
+        return self.columns(motion, model, springs, further).in_band(motion, known, rows)
 
     def torques(
         self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
@@ -509,7 +522,8 @@ def _further_rows(
         A = as_equations(robot, piece, joints, floating_rows(held, columns_of(piece), joints))
         torque = A[:, :, -1]
         columns = LoadColumns(torque, np.zeros_like(torque), A[:, :, :-1], A[:, :, :0])
-        return load_rows(robot, piece, model, columns, (names, (unit,) * len(names)))
+        in_band = partial(columns.in_band, piece)
+        return load_rows(robot, piece, model, in_band, (names, (unit,) * len(names)))
 
     return rows_by_pieces(motion, regress, _piece_samples(model))
 

@@ -9,7 +9,7 @@ cutoff is therefore selected from the spectra of the positions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -31,6 +31,13 @@ _FORGOTTEN = 6.0
 
 It decays with exp(-2 pi f t / sqrt 2), by 0.012 in each.
 """
+
+
+_AT_ONCE = 256
+"""Samples of `low_pass_at` that are in memory at a time, at least."""
+
+_FEW = 32
+"""Columns up to which a sum over rows takes less time than a recursion."""
 
 
 def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
@@ -62,8 +69,13 @@ def _warped(rate_hz: float, cutoff_hz: float) -> float:
     return math.tan(math.pi * cutoff_hz / rate_hz)
 
 
-def low_pass_at(signals: Array, rate_hz: float, cutoff_hz: float, lattice: slice) -> Array:
+def low_pass_at(
+    columns: Callable[[slice], Array], count: int, rate_hz: float, cutoff_hz: float, lattice: slice
+) -> Array:
     """Return `low_pass` at the samples of a slice, by sums over the blocks between them.
+
+    `columns` returns columns (S, ...) of successive ones of `count` samples: what they take in
+    memory is that of some blocks.
 
     The low pass forward and backward has the kernel phi_0 at lag zero and Re(c p^|l|) elsewhere,
     with the pole p. Its sums to both sides of a sample are those of its block, and p^step times
@@ -73,28 +85,45 @@ def low_pass_at(signals: Array, rate_hz: float, cutoff_hz: float, lattice: slice
     first, step = lattice.start, lattice.step
     blocks = (lattice.stop - 1 - first) // step
     last = first + blocks * step
-    # The odd continuation of `low_pass` at both ends.
-    pad = min(len(signals) - 1, round(3 * rate_hz / cutoff_hz))
-    before = np.concatenate([2 * signals[:1] - signals[pad:0:-1], signals[:first]])
-    after = np.concatenate([signals[last:], 2 * signals[-1:] - signals[-2 : -pad - 2 : -1]])
+    # The odd continuation of `low_pass` at both ends, each of them in one part.
+    pad = min(count - 1, round(3 * rate_hz / cutoff_hz))
+    length = step * math.ceil(max(_AT_ONCE, pad + 1) / step)
+    ends = [*range(first + length, min(last, count - pad - 1) + 1, length), count]
     # p^l, which NumPy computes in a twentieth of the time as an exponential.
-    powers = np.exp(np.log(p) * np.arange(max(step, len(before), len(after)) + 1))
+    powers = np.exp(np.log(p) * np.arange(max(step, first + pad, count - last + pad) + 1))
     # Lags of step to 1 before the next sample, and of 0 to step - 1 after this one.
-    within = signals[first:last].reshape(blocks, step, -1)
-    sums = np.empty((2, blocks + 1, signals.shape[1]), dtype=complex)
-    both = _weighted(np.stack([powers[step:0:-1], powers[:step]]), within)
-    sums[0, 1:], sums[1, :0:-1] = both[:, 0], both[:, 1]
+    lags = np.stack([powers[step:0:-1], powers[:step]])
+    parts = ((start, columns(slice(start, end))) for start, end in pairwise([0, *ends]))
+    for start, part in parts:
+        shape, signals = part.shape[1:], part.reshape(len(part), -1)
+        if not start:
+            sums = np.empty((2, blocks + 1, signals.shape[1]), dtype=complex)
+            at = np.empty((blocks + 1, signals.shape[1]))
+            before = np.concatenate([2 * signals[:1] - signals[pad:0:-1], signals[:first]])
+        low, high = max(start, first), min(start + len(signals), last)
+        i, j = (low - first) // step, (high - first) // step
+        within = signals[low - start : high - start].reshape(j - i, step, signals.shape[1])
+        both = _weighted(lags, within)
+        sums[0, i + 1 : j + 1], sums[1, ::-1][i:j], at[i:j] = both[:, 0], both[:, 1], within[:, 0]
+    mirrored = 2 * signals[-1:] - signals[-2 : -pad - 2 : -1]
+    after = np.concatenate([signals[last - start :], mirrored])
+    at[-1] = after[0]
     # Beyond the continuation there is a constant: p^T + p^(T+1) + ... = p^T / (1 - p).
     far, near = powers[len(before) : 0 : -1], powers[: len(after)]
     sums[0, 0] = _weighted(far[None], before)[0] + far[0] * p / (1 - p) * before[0]
     sums[1, 0] = _weighted(near[None], after)[0] + near[-1] * p / (1 - p) * after[-1]
-    # s_m + q s_(m-1) + q^2 s_(m-2) + ..., twice as many terms at each turn.
+    # s_m + q s_(m-1) + q^2 s_(m-2) + ..., of many columns by a recursion, since one row of them
+    # stays in the cache; of few with twice as many terms at each turn.
     q, terms = p**step, 1
+    if sums.shape[2] > _FEW:
+        for row in range(blocks):
+            sums[:, row + 1] += q * sums[:, row]
+        q = 0j
     while terms <= blocks and abs(q) > np.finfo(float).eps:
         sums[:, terms:] += q * sums[:, :-terms]
         q, terms = q * q, 2 * terms
     outer = (c * (sums[0] + sums[1, ::-1])).real
-    return np.asarray(outer + (centre - c.real) * signals[first : last + 1 : step])
+    return np.asarray(outer + (centre - c.real) * at).reshape(blocks + 1, *shape)
 
 
 def _weighted(weights: Array, signals: Array) -> Array:

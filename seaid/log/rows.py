@@ -5,7 +5,7 @@ Of filtered samples few are independent, and at standstill the friction of a mot
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -41,27 +41,32 @@ def in_band(motion: Motion, columns: Array) -> Array:
     return in_band_at(motion, columns, np.arange(len(columns)))
 
 
-def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
+Columns = Array | Callable[[slice], Array]
+"""Columns (T, ...) of a motion, or a function that returns those (S, ...) of successive samples."""
+
+
+def in_band_at(motion: Motion, columns: Columns, samples: IndexArray) -> Array:
     """Return some samples of `in_band`.
 
     Where they are far apart, as rows are, only their own values are computed. Elsewhere zero
     columns, half of those of a chain, are skipped.
     """
-    shape = columns.shape[1:]
-    table = np.reshape(columns, (len(columns), -1))
+    of = columns if callable(columns) else columns.__getitem__
+    count = len(motion.time) if callable(columns) else len(columns)
     step = int(np.gcd.reduce(np.diff(samples))) if len(samples) > 1 else 0
     if step >= _FAR_APART and motion.cutoff_hz < filtering.UNFILTERED * motion.rate_hz:
         first, last = int(np.min(samples)), int(np.max(samples))
         numbers, lattice = (samples - first) // step, slice(first, last + 1, step)
-        filtered = filtering.low_pass_at(table, motion.rate_hz, motion.cutoff_hz, lattice)[numbers]
-        return filtered.reshape(len(samples), *shape)
+        return filtering.low_pass_at(of, count, motion.rate_hz, motion.cutoff_hz, lattice)[numbers]
+    whole = of(slice(count))
+    table = np.reshape(whole, (count, -1))
     used = np.flatnonzero(np.any(table != 0, axis=0))
     filtered = np.zeros((len(samples), table.shape[1]))
     for start in range(0, len(used), _AT_ONCE):
         part = used[start : start + _AT_ONCE]
         below = filtering.low_pass(table[:, part], motion.rate_hz, motion.cutoff_hz)
         filtered[:, part] = below[samples]
-    return filtered.reshape(len(samples), *shape)
+    return filtered.reshape(len(samples), *whole.shape[1:])
 
 
 _FAR_APART = 8

@@ -65,7 +65,21 @@ def drive_parameters(
     robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
 ) -> tuple[Array, list[tuple[str, str, str]]]:
     """Return the drives' load-side columns (T, rows, columns), and (joint, parameter, unit)."""
-    blocks, drives = [], []
+    parts, drives = drive_parts(robot, rows, signals_of)
+    columns = np.zeros((len(next(iter(signals_of(0).values()))), len(rows), len(drives)))
+    for row, places, values in parts:
+        columns[:, row, places] = values
+    return columns, drives
+
+
+def drive_parts(
+    robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
+) -> tuple[list[tuple[int, slice, Array]], list[tuple[str, str, str]]]:
+    """Return what is not zero of `drive_parameters`: row, place of some columns, and these (T, c).
+
+    Most drives move one joint, so that these are few.
+    """
+    placed, drives = list[tuple[int, slice, Array]](), list[tuple[str, str, str]]()
     known = list(map(robot.index, rows))
     for joint in robot.joint_names:
         index, drive = robot.index(joint), robot.drives[joint]
@@ -83,19 +97,13 @@ def drive_parameters(
             # Parallel spring and joint friction act at the joint itself.
             if regressor is not motor_regressor(robot, joint):
                 by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
-            blocks.append(_in_rows(factor * regressor.evaluate(by_name)[1], share[known]))
+            columns = regressor.evaluate(by_name)[1]
+            places = slice(len(drives), len(drives) + len(regressor.names))
+            for row in np.flatnonzero(share[known]).tolist():
+                placed.append((row, places, factor * share[known][row] * columns))
             units = zip(regressor.names, regressor.units, strict=True)
             drives += [(joint, str(name), unit) for name, unit in units]
-    length = len(next(iter(signals_of(0).values())))
-    return np.concatenate([*blocks, np.empty((length, len(rows), 0))], axis=2), drives
-
-
-def _in_rows(columns: Array, shares: Array) -> Array:
-    """Return columns (T, c) times their shares in rows, (T, rows, c), most of which are zero."""
-    placed = np.zeros((len(columns), len(shares), columns.shape[1]))
-    for row in np.flatnonzero(shares).tolist():
-        placed[:, row] = shares[row] * columns
-    return placed
+    return placed, drives
 
 
 def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
@@ -181,9 +189,18 @@ class LoadColumns:
         """Return the torque (T, r) that parameters (m,) do not explain."""
         return np.asarray(self.torque - self.payload - self.H @ theta)
 
+    def in_band(self, motion: Motion, known: Array, rows: IndexArray) -> Sides:
+        """Return the `Sides` of the equations, whose friction is `known` (T, r), at S samples."""
+        parts = self.torque - self.payload, self.H, self.propagated
+        y, H, propagated = (in_band_at(motion, where_known(known, part), rows) for part in parts)
+        return y, H, propagated
 
-_BLOCK = 512
-"""Samples whose regressors of all parameters stay in the processor's cache."""
+
+Sides = tuple[Array, Array, Array]
+"""Torque (S, r) and columns (S, r, m) and (S, r, s) of parameters and propagated ones, filtered."""
+
+_BLOCK_NUMBERS = 100_000
+"""Numbers of the regressors of all parameters that stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,23 +223,67 @@ class LoadSide:
 
         `further` (T, rows, k) are columns of `torque_changes`, which follow those of the springs.
         """
-        robot, p = self.robot, len(model.base.columns)
-        known = [robot.index(joint) for joint in model.torque_joints]
-        torque, propagated = load_targets(robot, motion, model.torque_joints, springs)
-        payload, H = np.zeros_like(torque), np.empty((*torque.shape, p + len(model.drives)))
+        torque, propagated = load_targets(self.robot, motion, model.torque_joints, springs)
+        bodies = self.bodies(motion, model)(slice(len(torque)))
+        payload = np.sum(bodies[:, :, len(model.base.columns) :], axis=2)
+        H = bodies[:, :, : len(model.base.columns)]
         if model.drives:
-            H[:, :, p:] = drive_columns(robot, motion, model)
+            H = np.concatenate([H, drive_columns(self.robot, motion, model)], axis=2)
+        return LoadColumns(torque, payload, H, joined(propagated, further))
+
+    def bodies(self, motion: Motion, model: LoadModel) -> Callable[[slice], Array]:
+        """Return a function from samples to the base columns (S, rows, p), and to the torques of
+        known bodies as a further column, if there are any.
+        """
+        robot, known = self.robot, [self.robot.index(joint) for joint in model.torque_joints]
         # (k, p) places in a flat sample: ten parameters of each body, and n joints per parameter.
         places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
-        samples = min(_BLOCK, samples_of_block(robot))
-        for start in range(0, len(H), samples):
-            block = slice(start, start + samples)
-            Y = regressor_at_drives(robot, *(state[block] for state in motion.joint_states))
-            flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of Y
-            H[block, :, :p] = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
-            if np.any(robot.known_parameters):
-                payload[block] = (Y @ robot.known_parameters)[:, known]
-        return LoadColumns(torque, payload, H, joined(propagated, further))
+        has_known = bool(np.any(robot.known_parameters))
+        size = 10 * robot.model.nv**2
+        samples = min(max(_BLOCK_NUMBERS // size, 1), samples_of_block(robot))
+        memory = np.empty((samples, size))
+
+        def columns(part: slice) -> Array:
+            states = [state[part] for state in motion.joint_states]
+            table = np.empty((len(states[0]), *places.shape))
+            torque = np.zeros((len(table), len(known), int(has_known)))
+            for start in range(0, len(table), samples):
+                block = slice(start, start + samples)
+                Y = regressor_at_drives(robot, *(state[block] for state in states), memory)
+                flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of Y
+                # with another `mode` NumPy fills a copy of the target
+                flat.take(places, axis=1, out=table[block], mode="clip")
+                if has_known:
+                    torque[block, :, 0] = (Y @ robot.known_parameters)[:, known]
+            return np.concatenate([table, torque], axis=2) if has_known else table
+
+        return columns
+
+    def in_band(
+        self,
+        motion: Motion,
+        model: LoadModel,
+        springs: Springs,
+        further: Array | None,
+        known: Array,
+        rows: IndexArray,
+    ) -> Sides:
+        """Return the `Sides` of `columns`, whose columns are never in memory at all samples."""
+        robot, joints, p = self.robot, model.torque_joints, len(model.base.columns)
+        torque, propagated = load_targets(robot, motion, joints, springs)
+        nothing = np.empty((*torque.shape, 0))
+        others = LoadColumns(torque, np.zeros_like(torque), nothing, joined(propagated, further))
+        y, _, propagated = others.in_band(motion, known, rows)
+        bodies = self.bodies(motion, model)
+        # a new block at each call, which may be changed
+        filtered = in_band_at(motion, lambda part: where_known(known[part], bodies(part)), rows)
+        parts, drives = drive_parts(robot, joints, partial(load_signals, robot, motion))
+        H = np.zeros((len(rows), len(joints), len(drives)))
+        for row, places, values in parts:
+            H[:, row, places] = in_band_at(motion, known[:, row, None] * values, rows)
+        H = H[:, :, [drives.index(drive) for drive in model.drives]]
+        H = np.concatenate([filtered[:, :, :p], H], axis=2)
+        return y - np.sum(filtered[:, :, p:], axis=2), H, propagated
 
     def torques(
         self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
@@ -430,7 +491,7 @@ def load_regression(
 
     def regress(piece: Motion) -> Regression:
         columns = None if further is None else further(piece)
-        return load_rows(robot, piece, model, side.columns(piece, model, springs, columns))
+        return load_rows(robot, piece, model, partial(side.in_band, piece, model, springs, columns))
 
     return rows_by_pieces(motion, regress, samples)
 
@@ -439,20 +500,18 @@ def load_rows(
     robot: Robot,
     motion: Motion,
     model: LoadModel,
-    columns: LoadColumns,
+    in_band: Callable[[Array, IndexArray], Sides],
     called: tuple[tuple[str, ...], tuple[str, ...]] | None = None,
 ) -> Regression:
-    """Return the rows of one piece of a motion, whose `load_columns` are given.
+    """Return the rows of one piece of a motion.
 
-    `called` are the names and units of columns that are not those of `model`.
+    `in_band` returns its `Sides` at some samples, from where friction is known (T, r). `called` are
+    the names and units of columns that are not those of `model`.
     """
     rows, joints = row_samples(motion), model.torque_joints
     # a combination of equations that are all valid, whatever friction does at rest
     known = known_frictions(robot, motion, joints)
-    y, H, propagated = (
-        in_band_at(motion, where_known(known, part), rows)
-        for part in (columns.torque - columns.payload, columns.H, columns.propagated)
-    )
+    y, H, propagated = in_band(known, rows)
     usable, side = usable_rows(robot, motion, joints, rows, known), load_side(robot)
     indices: Joints = [robot.index(joint) for joint in joints]
     names, indices, usable = side.with_all_equations(motion, rows, indices, usable)
@@ -512,11 +571,10 @@ def known_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> Arra
 def where_known(known: Array, columns: Array) -> Array:
     """Make columns (T, k, ...) of equations zero where their friction is not `known` (T, k).
 
-    They are changed in place, since they are large and at few samples unknown; and returned.
+    They are changed in place, since they are large; and returned.
     """
-    rows = np.flatnonzero(np.any(known != 1, axis=1))
-    if len(rows):
-        columns[rows] *= known[rows].reshape(len(rows), -1, *(1,) * (columns.ndim - 2))
+    if np.any(known != 1):
+        columns *= known.reshape(*known.shape, *(1,) * (columns.ndim - 2))
     return columns
 
 
