@@ -194,8 +194,8 @@ def units_of(kind: str) -> set[str]:
 
 def check_finite(about: str, values: Array, advice: str = "drop the sample") -> None:
     """Raise LogError for samples (T,) or (T, k) that are NaN or infinite, naming the first one."""
-    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
-    if len(bad):
+    if not np.isfinite(values).all():
+        bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         raise LogError(
             f"{about} is not finite in {len(bad)} of {len(values)} samples, the first in sample "
             f"{bad[0]}: {advice}, or repair the log with repair=seaid.Repairs()",
@@ -205,7 +205,7 @@ def check_finite(about: str, values: Array, advice: str = "drop the sample") -> 
 
 def check_size(about: str, values: Array, largest: float) -> None:
     """Raise LogError for finite samples (T,) beyond what any sensor measures."""
-    beyond = np.flatnonzero(np.abs(np.nan_to_num(values, posinf=0, neginf=0)) > largest)
+    beyond = np.flatnonzero(np.isfinite(values) & (np.abs(values) > largest))
     if len(beyond):
         raise LogError(
             f"{about} has {values[beyond[0]]:.4g} in sample {beyond[0]}, allowed is up to "
