@@ -33,9 +33,6 @@ It decays with exp(-2 pi f t / sqrt 2), by 0.012 in each.
 """
 
 
-_AT_ONCE = 256
-"""Samples of `low_pass_at` that are in memory at a time, at least."""
-
 _FEW = 32
 """Columns up to which a sum over rows takes less time than a recursion."""
 
@@ -74,8 +71,8 @@ def low_pass_at(
 ) -> Array:
     """Return `low_pass` at the samples of a slice, by sums over the blocks between them.
 
-    `columns` returns columns (S, ...) of successive ones of `count` samples: what they take in
-    memory is that of some blocks.
+    `columns` returns columns (S, ...) of successive ones of `count` samples: those of all samples
+    need not be in memory.
 
     The low pass forward and backward has the kernel phi_0 at lag zero and Re(c p^|l|) elsewhere,
     with the pole p. Its sums to both sides of a sample are those of its block, and p^step times
@@ -85,29 +82,24 @@ def low_pass_at(
     first, step = lattice.start, lattice.step
     blocks = (lattice.stop - 1 - first) // step
     last = first + blocks * step
-    # The odd continuation of `low_pass` at both ends, each of them in one part.
+    # The odd continuation of `low_pass` at both ends.
     pad = min(count - 1, round(3 * rate_hz / cutoff_hz))
-    length = step * math.ceil(max(_AT_ONCE, pad + 1) / step)
-    ends = [*range(first + length, min(last, count - pad - 1) + 1, length), count]
+    ends = slice(max(first, pad + 1)), slice(min(last, count - pad - 1), count)
+    start, end = (np.reshape(x := columns(part), (len(x), -1)) for part in ends)
+    before = np.concatenate([2 * start[:1] - start[pad:0:-1], start[:first]])
+    after = np.concatenate([end[last - count :], 2 * end[-1:] - end[-2 : -pad - 2 : -1]])
     # p^l, which NumPy computes in a twentieth of the time as an exponential.
-    powers = np.exp(np.log(p) * np.arange(max(step, first + pad, count - last + pad) + 1))
+    powers = np.exp(np.log(p) * np.arange(max(step, len(before), len(after)) + 1))
     # Lags of step to 1 before the next sample, and of 0 to step - 1 after this one.
-    lags = np.stack([powers[step:0:-1], powers[:step]])
-    parts = ((start, columns(slice(start, end))) for start, end in pairwise([0, *ends]))
-    for start, part in parts:
-        shape, signals = part.shape[1:], part.reshape(len(part), -1)
-        if not start:
-            sums = np.empty((2, blocks + 1, signals.shape[1]), dtype=complex)
-            at = np.empty((blocks + 1, signals.shape[1]))
-            before = np.concatenate([2 * signals[:1] - signals[pad:0:-1], signals[:first]])
-        low, high = max(start, first), min(start + len(signals), last)
-        i, j = (low - first) // step, (high - first) // step
-        within = signals[low - start : high - start].reshape(j - i, step, signals.shape[1])
-        both = _weighted(lags, within)
-        sums[0, i + 1 : j + 1], sums[1, ::-1][i:j], at[i:j] = both[:, 0], both[:, 1], within[:, 0]
-    mirrored = 2 * signals[-1:] - signals[-2 : -pad - 2 : -1]
-    after = np.concatenate([signals[last - start :], mirrored])
-    at[-1] = after[0]
+    lags, width = np.stack([powers[step:0:-1], powers[:step]]), start.shape[1]
+    sums, at = np.empty((2, blocks + 1, width), dtype=complex), np.empty((blocks, width))
+    # 100,000 numbers at a time stay in the processor's cache.
+    size = max(100_000 // (step * max(width, 1)), 1)
+    for i in range(0, blocks, size):
+        j = min(i + size, blocks)
+        within = columns(slice(first + i * step, first + j * step)).reshape(j - i, step, -1)
+        both, at[i:j] = _weighted(lags, within), within[:, 0]
+        sums[0, i + 1 : j + 1], sums[1, ::-1][i:j] = both[:, 0], both[:, 1]
     # Beyond the continuation there is a constant: p^T + p^(T+1) + ... = p^T / (1 - p).
     far, near = powers[len(before) : 0 : -1], powers[: len(after)]
     sums[0, 0] = _weighted(far[None], before)[0] + far[0] * p / (1 - p) * before[0]
@@ -115,15 +107,13 @@ def low_pass_at(
     # s_m + q s_(m-1) + q^2 s_(m-2) + ..., of many columns by a recursion, since one row of them
     # stays in the cache; of few with twice as many terms at each turn.
     q, terms = p**step, 1
-    if sums.shape[2] > _FEW:
-        for row in range(blocks):
-            sums[:, row + 1] += q * sums[:, row]
-        q = 0j
-    while terms <= blocks and abs(q) > np.finfo(float).eps:
+    for row in range(blocks if width > _FEW else 0):
+        sums[:, row + 1] += q * sums[:, row]
+    while width <= _FEW and terms <= blocks and abs(q) > np.finfo(float).eps:
         sums[:, terms:] += q * sums[:, :-terms]
         q, terms = q * q, 2 * terms
     outer = (c * (sums[0] + sums[1, ::-1])).real
-    return np.asarray(outer + (centre - c.real) * at).reshape(blocks + 1, *shape)
+    return np.asarray(outer + (centre - c.real) * np.concatenate([at, after[:1]]))
 
 
 def _weighted(weights: Array, signals: Array) -> Array:

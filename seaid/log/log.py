@@ -204,11 +204,9 @@ class Log(Display):
 
     def logged(self, joint: str) -> dict[str, Array]:
         """Return {field: samples (T,)} of the sensors that the log has of a joint."""
-        index = self.joint_names.index(joint)
-        samples = {field: values[:, index] for field, values in self.sensors().items()}
-        # of most columns the first sample decides
-        missing = {x for x, y in samples.items() if np.isnan(y[0]) and np.all(np.isnan(y))}
-        return {field: values for field, values in samples.items() if field not in missing}
+        samples = {x: y[:, self.joint_names.index(joint)] for x, y in self.sensors().items()}
+        # Of most columns the first sample decides.
+        return {x: y for x, y in samples.items() if not (np.isnan(y[0]) and np.all(np.isnan(y)))}
 
     def between(self, start_s: float, end_s: float) -> Log:
         """Return the samples with start_s <= time < end_s."""

@@ -37,11 +37,6 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
 
 
-def has_holes(processing: Sequence[Processing]) -> bool:
-    """Return whether a log has holes in time, so that its stretches were processed separately."""
-    return any(repair.kind == HOLES for entry in processing for repair in entry.repairs)
-
-
 @dataclass(frozen=True)
 class Processing:
     """How a motion was computed from a log; str() summarises it in one line.
@@ -409,9 +404,7 @@ def _motion(
     band_hz = POSITION_BAND * cutoff_hz
     # One filter for both sides: the deflection r_M theta_M / N - r_L theta_L of (3) is a small
     # difference of them, to which unequal filters would add a part of the motion itself.
-    measured = np.hstack([joint, motor])
-    known = np.flatnonzero(np.isfinite(measured[0]))
-    measured[:, known] = low_pass(measured[:, known], rate_hz, band_hz)
+    measured = low_pass(np.hstack([joint, motor]), rate_hz, band_hz)
     states = [_both_sides(robot, signal) for signal in spline_derivatives(time, measured)]
     kinds = ("position", "velocity", "acceleration")
     sides: dict[str, Any] = {}
@@ -605,10 +598,9 @@ def _both_sides(robot: Robot, signal: Array) -> tuple[Array, Array]:
     joint, motor = np.hsplit(signal.copy(), 2)
     C, ratio = robot.transmission, np.array([robot.drives[x].ratio for x in robot.joint_names])
     unseen, blind, drives = np.isnan(joint[0]), np.isnan(motor[0]), _seen_stiff(robot, motor)
-    if np.any(unseen):
-        # theta_M / N = C q of the stiff drives, solved for the joints without an encoder.
-        rest = motor[:, drives] / ratio[drives] - np.nan_to_num(joint) @ C[drives].T
-        joint[:, unseen] = rest @ safely(np.linalg.pinv, C[np.ix_(drives, unseen)], what=_TURNS).T
+    # theta_M / N = C q of the stiff drives, solved for the joints without an encoder.
+    rest = motor[:, drives] / ratio[drives] - np.nan_to_num(joint) @ C[drives].T
+    joint[:, unseen] = rest @ safely(np.linalg.pinv, C[np.ix_(drives, unseen)], what=_TURNS).T
     motor[:, blind] = (at_drives(C, joint) * ratio)[:, blind]
     return joint, motor
 

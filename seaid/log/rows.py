@@ -51,22 +51,22 @@ def in_band_at(motion: Motion, columns: Columns, samples: IndexArray) -> Array:
     Where they are far apart, as rows are, only their own values are computed. Elsewhere zero
     columns, half of those of a chain, are skipped.
     """
-    of = columns if callable(columns) else columns.__getitem__
-    count = len(motion.time) if callable(columns) else len(columns)
+    made = columns if callable(columns) else columns.__getitem__
+    count, shape = len(motion.time), made(slice(0)).shape[1:]
     step = int(np.gcd.reduce(np.diff(samples))) if len(samples) > 1 else 0
     if step >= _FAR_APART and motion.cutoff_hz < filtering.UNFILTERED * motion.rate_hz:
         first, last = int(np.min(samples)), int(np.max(samples))
         numbers, lattice = (samples - first) // step, slice(first, last + 1, step)
-        return filtering.low_pass_at(of, count, motion.rate_hz, motion.cutoff_hz, lattice)[numbers]
-    whole = of(slice(count))
-    table = np.reshape(whole, (count, -1))
+        filtered = filtering.low_pass_at(made, count, motion.rate_hz, motion.cutoff_hz, lattice)
+        return filtered[numbers].reshape(len(samples), *shape)
+    table = np.reshape(made(slice(count)), (count, -1))
     used = np.flatnonzero(np.any(table != 0, axis=0))
     filtered = np.zeros((len(samples), table.shape[1]))
     for start in range(0, len(used), _AT_ONCE):
         part = used[start : start + _AT_ONCE]
         below = filtering.low_pass(table[:, part], motion.rate_hz, motion.cutoff_hz)
         filtered[:, part] = below[samples]
-    return filtered.reshape(len(samples), *whole.shape[1:])
+    return filtered.reshape(len(samples), *shape)
 
 
 _FAR_APART = 8
@@ -130,9 +130,3 @@ def still_speed(motion: Motion, index: int, *, of_joint: bool = False) -> float:
 def still_share(drive: Drive) -> float:
     """Return the share of standstill that is allowed for a drive with dry friction."""
     return STRIBECK_SHARE if "stribeck" in drive.friction else STANDSTILL_SHARE
-
-
-def inside_transients(motion: Motion) -> BoolArray:
-    """Return the samples (T,) that are no filter transients."""
-    samples, transient = np.arange(len(motion.time)), round(motion.transient_s * motion.rate_hz)
-    return np.asarray((samples >= transient) & (samples < len(samples) - transient))

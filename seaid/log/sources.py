@@ -459,8 +459,6 @@ def _number(data: Block, value: str | float | None) -> Array | float:
 
 def _selected(where: str, channel: Channel, kept: Array | None, sparse: bool) -> Channel:
     """Return a channel without samples that are excluded, or missing in a message."""
-    if kept is None and not sparse:
-        return channel
     use = np.ones(len(channel.time), dtype=bool)
     if kept is not None:
         if len(kept) != len(use):

@@ -154,8 +154,6 @@ def _long_repeats(time: Array, values: Array) -> BoolArray:
     repeats = np.zeros(len(values), dtype=bool)
     # A run begins at the second of equal values; the first is a measurement, hence `start` - 1.
     spans = runs(np.concatenate([[False], np.diff(values) == 0.0]))
-    if not len(spans):
-        return repeats
     long = time[spans[:, 1] - 1] - time[spans[:, 0] - 1] > longest_bridge(time)
     for start, end in spans[long]:
         repeats[start:end] = True

@@ -105,20 +105,16 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     )
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
-    return regressor_into(robot, q, v, a, np.empty((len(q), 10 * robot.model.nv**2)))
-
-
-def regressor_into(robot: Robot, q: Array, v: Array, a: Array, memory: Array) -> Array:
-    """Return `rigid_body_regressor` in a memory (T or more, 10N N), of which it may be a view."""
     model, data, N = robot.model, _memory_of(robot.model), robot.model.nv
     moved = robot.joint_states(q, v, a)
     # `block` is a view of the memory that every call fills, and exists after the first call.
     pin.computeJointTorqueRegressor(model, data, *np.zeros((3, N)))
     # Pinocchio's matrix is column-major: its transposed view is copied as one block of bytes, which
     # takes half the time of an assignment to a row.
-    block, stacked = data.jointTorqueRegressor.T.reshape(-1).data.cast("B"), memory[: len(q)]
-    target, size = stacked.view(np.uint8).reshape(-1).data, block.nbytes
-    places, compute = range(0, len(target), size), pin.computeJointTorqueRegressor
+    block, stacked = data.jointTorqueRegressor.T.reshape(-1).data, np.empty((len(q), 10 * N * N))
+    block, target = block.cast("B"), stacked.reshape(-1).view(np.uint8).data
+    size, compute = len(block), pin.computeJointTorqueRegressor
+    places = range(0, len(target), size)
     for place, q_t, v_t, a_t in zip(places, *robot.model_states(*moved), strict=True):
         compute(model, data, q_t, v_t, a_t)
         target[place : place + size] = block
@@ -133,15 +129,9 @@ def regressor_into(robot: Robot, q: Array, v: Array, a: Array, memory: Array) ->
     return Y / robot.angle_ratios.rates(moved[0])[..., None] if robot.angle_ratios else Y
 
 
-def regressor_at_drives(
-    robot: Robot, q: Array, v: Array, a: Array, memory: Array | None = None
-) -> Array:
-    """Return `rigid_body_regressor` for the torques on the drives' coordinates, (T, n, 10N).
-
-    With a `memory` (T or more, 10N N) for it, it is valid until the memory is used again.
-    """
-    memory = np.empty((len(q), 10 * robot.model.nv**2)) if memory is None else memory
-    return rows_at_drives(robot.transmission, regressor_into(robot, q, v, a, memory))
+def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return `rigid_body_regressor` for the torques on the drives' coordinates, (T, n, 10N)."""
+    return rows_at_drives(robot.transmission, rigid_body_regressor(robot, q, v, a))
 
 
 def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:

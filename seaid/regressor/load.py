@@ -63,23 +63,13 @@ _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 
 def drive_parameters(
     robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
-) -> tuple[Array, list[tuple[str, str, str]]]:
-    """Return the drives' load-side columns (T, rows, columns), and (joint, parameter, unit)."""
-    parts, drives = drive_parts(robot, rows, signals_of)
-    columns = np.zeros((len(next(iter(signals_of(0).values()))), len(rows), len(drives)))
-    for row, places, values in parts:
-        columns[:, row, places] = values
-    return columns, drives
+) -> tuple[Callable[..., Array], list[tuple[str, str, str]]]:
+    """Return the drives' load-side columns (T, rows, columns), and (joint, parameter, unit).
 
-
-def drive_parts(
-    robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
-) -> tuple[list[tuple[int, slice, Array]], list[tuple[str, str, str]]]:
-    """Return what is not zero of `drive_parameters`: row, place of some columns, and these (T, c).
-
-    Most drives move one joint, so that these are few.
+    They are returned by a function of the places of the columns wanted, and of samples (a slice).
+    Most drives move one joint, so that most of the columns is zero, and is never in memory.
     """
-    placed, drives = list[tuple[int, slice, Array]](), list[tuple[str, str, str]]()
+    placed, drives = list[tuple[int, int, Array]](), list[tuple[str, str, str]]()
     known = list(map(robot.index, rows))
     for joint in robot.joint_names:
         index, drive = robot.index(joint), robot.drives[joint]
@@ -97,13 +87,21 @@ def drive_parts(
             # Parallel spring and joint friction act at the joint itself.
             if regressor is not motor_regressor(robot, joint):
                 by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
-            columns = regressor.evaluate(by_name)[1]
-            places = slice(len(drives), len(drives) + len(regressor.names))
+            numbered = list(enumerate(factor * regressor.evaluate(by_name)[1].T, len(drives)))
             for row in np.flatnonzero(share[known]).tolist():
-                placed.append((row, places, factor * share[known][row] * columns))
+                placed += [(row, place, share[known][row] * x) for place, x in numbered]
             units = zip(regressor.names, regressor.units, strict=True)
             drives += [(joint, str(name), unit) for name, unit in units]
-    return placed, drives
+    samples = signals_of(0)["theta_L"]
+
+    def columns(chosen: Sequence[int], part: slice = slice(None)) -> Array:
+        table = np.zeros((len(samples[part]), len(rows), len(chosen)))
+        for row, place, values in placed:
+            if place in chosen:
+                table[:, row, chosen.index(place)] = values[part]
+        return table
+
+    return columns, drives
 
 
 def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
@@ -177,30 +175,48 @@ class LoadColumns:
     """The load side (8) at T samples of a motion, in r rows: torque = payload + H theta.
 
     `torque` (T, r) is that on the load, with the derivatives `propagated` (T, r, s) by parameters
-    that were estimated before; `payload` (T, r) is that of known bodies; `H` is (T, r, m).
+    that were estimated before. `columns` returns the columns (S, r, m + q) of some samples: those
+    of all samples take more memory than all else together. The first m make up `H` (T, r, m), the
+    others are of parameters whose values are `known` (q,), whose torque is the `payload` (T, r).
     """
 
     torque: Array
-    payload: Array
-    H: Array
     propagated: Array
+    columns: Callable[[slice], Array]
+    known: Array
 
-    def residual(self, theta: Array) -> Array:
-        """Return the torque (T, r) that parameters (m,) do not explain."""
-        return np.asarray(self.torque - self.payload - self.H @ theta)
+    @property
+    def payload(self) -> Array:
+        """The torque (T, r) of known bodies."""
+        return self._whole[0]
 
-    def in_band(self, motion: Motion, known: Array, rows: IndexArray) -> Sides:
-        """Return the `Sides` of the equations, whose friction is `known` (T, r), at S samples."""
-        parts = self.torque - self.payload, self.H, self.propagated
-        y, H, propagated = (in_band_at(motion, where_known(known, part), rows) for part in parts)
-        return y, H, propagated
+    @property
+    def H(self) -> Array:
+        """The columns (T, r, m) of all parameters."""
+        return self._whole[1]
+
+    @cached_property
+    def _whole(self) -> tuple[Array, Array]:
+        return self._sides(self.columns(slice(None)))
+
+    def _sides(self, columns: Array) -> tuple[Array, Array]:
+        """Return payload (S, r) and H (S, r, m) of columns (S, r, m + q)."""
+        H, others = np.split(columns, [columns.shape[2] - len(self.known)], axis=2)
+        return others @ self.known, H
+
+    def in_band(self, motion: Motion, known: Array, rows: IndexArray) -> tuple[Array, Array, Array]:
+        """Return torque - payload, `H` and `propagated` of filtered equations at S samples.
+
+        Their friction is `known` (T, r).
+        """
+        columns = in_band_at(motion, lambda x: where_known(known[x], self.columns(x)), rows)
+        payload, H = self._sides(columns)
+        y = in_band_at(motion, known * self.torque, rows) - payload
+        return y, H, in_band_at(motion, where_known(known, self.propagated), rows)
 
 
-Sides = tuple[Array, Array, Array]
-"""Torque (S, r) and columns (S, r, m) and (S, r, s) of parameters and propagated ones, filtered."""
-
-_BLOCK_NUMBERS = 100_000
-"""Numbers of the regressors of all parameters that stay in the processor's cache."""
+_BLOCK = 128
+"""Samples whose regressors of all parameters stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,71 +235,31 @@ class LoadSide:
     def columns(
         self, motion: Motion, model: LoadModel, springs: Springs, further: Array | None = None
     ) -> LoadColumns:
-        """Return the `load_columns`.
+        """Return the columns of the load side.
 
         `further` (T, rows, k) are columns of `torque_changes`, which follow those of the springs.
         """
-        torque, propagated = load_targets(self.robot, motion, model.torque_joints, springs)
-        bodies = self.bodies(motion, model)(slice(len(torque)))
-        payload = np.sum(bodies[:, :, len(model.base.columns) :], axis=2)
-        H = bodies[:, :, : len(model.base.columns)]
-        if model.drives:
-            H = np.concatenate([H, drive_columns(self.robot, motion, model)], axis=2)
-        return LoadColumns(torque, payload, H, joined(propagated, further))
-
-    def bodies(self, motion: Motion, model: LoadModel) -> Callable[[slice], Array]:
-        """Return a function from samples to the base columns (S, rows, p), and to the torques of
-        known bodies as a further column, if there are any.
-        """
-        robot, known = self.robot, [self.robot.index(joint) for joint in model.torque_joints]
+        robot, joints, p = self.robot, model.torque_joints, len(model.base.columns)
+        torque, propagated = load_targets(robot, motion, joints, springs)
+        drives, others = drive_columns(robot, motion, model), np.flatnonzero(robot.known_parameters)
+        parameters = np.array([*model.base.columns, *others], dtype=np.intp)
         # (k, p) places in a flat sample: ten parameters of each body, and n joints per parameter.
-        places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
-        has_known = bool(np.any(robot.known_parameters))
-        size = 10 * robot.model.nv**2
-        samples = min(max(_BLOCK_NUMBERS // size, 1), samples_of_block(robot))
-        memory = np.empty((samples, size))
+        places = np.add.outer([*map(robot.index, joints)], robot.n * parameters)
+        samples = min(_BLOCK, samples_of_block(robot))
 
         def columns(part: slice) -> Array:
             states = [state[part] for state in motion.joint_states]
-            table = np.empty((len(states[0]), *places.shape))
-            torque = np.zeros((len(table), len(known), int(has_known)))
-            for start in range(0, len(table), samples):
+            bodies = np.empty((len(states[0]), *places.shape))
+            for start in range(0, len(bodies), samples):
                 block = slice(start, start + samples)
-                Y = regressor_at_drives(robot, *(state[block] for state in states), memory)
+                Y = regressor_at_drives(robot, *(state[block] for state in states))
                 flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of Y
-                # with another `mode` NumPy fills a copy of the target
-                flat.take(places, axis=1, out=table[block], mode="clip")
-                if has_known:
-                    torque[block, :, 0] = (Y @ robot.known_parameters)[:, known]
-            return np.concatenate([table, torque], axis=2) if has_known else table
+                # With another `mode` NumPy fills a copy of the target.
+                flat.take(places, axis=1, out=bodies[block], mode="clip")
+            return np.concatenate([bodies[:, :, :p], drives(part), bodies[:, :, p:]], axis=2)
 
-        return columns
-
-    def in_band(
-        self,
-        motion: Motion,
-        model: LoadModel,
-        springs: Springs,
-        further: Array | None,
-        known: Array,
-        rows: IndexArray,
-    ) -> Sides:
-        """Return the `Sides` of `columns`, whose columns are never in memory at all samples."""
-        robot, joints, p = self.robot, model.torque_joints, len(model.base.columns)
-        torque, propagated = load_targets(robot, motion, joints, springs)
-        nothing = np.empty((*torque.shape, 0))
-        others = LoadColumns(torque, np.zeros_like(torque), nothing, joined(propagated, further))
-        y, _, propagated = others.in_band(motion, known, rows)
-        bodies = self.bodies(motion, model)
-        # a new block at each call, which may be changed
-        filtered = in_band_at(motion, lambda part: where_known(known[part], bodies(part)), rows)
-        parts, drives = drive_parts(robot, joints, partial(load_signals, robot, motion))
-        H = np.zeros((len(rows), len(joints), len(drives)))
-        for row, places, values in parts:
-            H[:, row, places] = in_band_at(motion, known[:, row, None] * values, rows)
-        H = H[:, :, [drives.index(drive) for drive in model.drives]]
-        H = np.concatenate([filtered[:, :, :p], H], axis=2)
-        return y - np.sum(filtered[:, :, p:], axis=2), H, propagated
+        propagated = joined(propagated, further)
+        return LoadColumns(torque, propagated, columns, robot.known_parameters[others])
 
     def torques(
         self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
@@ -383,8 +359,8 @@ def _random_rows(
     parts, drives = [], list[tuple[str, str, str]]()
     for (q, v, a), Y, reduced in equations.random_rows(known, stances, measured):
         signals_of = partial(stiff_signals, robot, q=q, v=v, a=a)
-        columns, drives = drive_parameters(robot, joints, signals_of)
-        columns = equations.with_all_rows(columns)
+        of_drives, drives = drive_parameters(robot, joints, signals_of)
+        columns = equations.with_all_rows(of_drives(range(len(drives))))
         rows = reduced(np.concatenate([base.reduce(Y), columns], axis=2))
         # not reshape(-1, ...): where all bodies are known there may be no column
         parts.append(rows.reshape(rows.shape[0] * rows.shape[1], rows.shape[2]))
@@ -412,11 +388,6 @@ def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]
     is_linear = ~np.isin(np.arange(H.shape[1]), nonlinear)
     selected, grouping, _ = left_to_right(H, negligible(H, is_linear) | ~is_linear)
     return with_independent(selected, grouping, nonlinear)
-
-
-def load_columns(robot: Robot, motion: Motion, model: LoadModel, springs: Springs) -> LoadColumns:
-    """Return the columns of the load side along a motion."""
-    return load_side(robot).columns(motion, model, springs)
 
 
 def joined(columns: Array, further: Array | None) -> Array:
@@ -462,14 +433,17 @@ def drive_torques(
     Drive parameters that are identifiable only with base parameters belong to the bodies here.
     """
     torque, _ = load_targets(robot, motion, model.torque_joints, springs)
-    return torque - drive_columns(robot, motion, model) @ theta[len(model.expressions) :]
+    return torque - drive_columns(robot, motion, model)() @ theta[len(model.expressions) :]
 
 
-def drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Array:
-    """Return the columns (T, rows, p_d) of the drive parameters of a model."""
+def drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Callable[..., Array]:
+    """Return a function from samples (a slice) to the columns (S, rows, p_d) of a model's drives.
+
+    Without an argument they are those of all samples.
+    """
     signals_of = partial(load_signals, robot, motion)
     columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
-    return columns[:, :, [drives.index(drive) for drive in model.drives]]
+    return partial(columns, [drives.index(drive) for drive in model.drives])
 
 
 def load_regression(
@@ -491,7 +465,7 @@ def load_regression(
 
     def regress(piece: Motion) -> Regression:
         columns = None if further is None else further(piece)
-        return load_rows(robot, piece, model, partial(side.in_band, piece, model, springs, columns))
+        return load_rows(robot, piece, model, side.columns(piece, model, springs, columns))
 
     return rows_by_pieces(motion, regress, samples)
 
@@ -500,18 +474,17 @@ def load_rows(
     robot: Robot,
     motion: Motion,
     model: LoadModel,
-    in_band: Callable[[Array, IndexArray], Sides],
+    columns: LoadColumns,
     called: tuple[tuple[str, ...], tuple[str, ...]] | None = None,
 ) -> Regression:
-    """Return the rows of one piece of a motion.
+    """Return the rows of one piece of a motion, whose `load_columns` are given.
 
-    `in_band` returns its `Sides` at some samples, from where friction is known (T, r). `called` are
-    the names and units of columns that are not those of `model`.
+    `called` are the names and units of columns that are not those of `model`.
     """
     rows, joints = row_samples(motion), model.torque_joints
     # a combination of equations that are all valid, whatever friction does at rest
     known = known_frictions(robot, motion, joints)
-    y, H, propagated = in_band(known, rows)
+    y, H, propagated = columns.in_band(motion, known, rows)
     usable, side = usable_rows(robot, motion, joints, rows, known), load_side(robot)
     indices: Joints = [robot.index(joint) for joint in joints]
     names, indices, usable = side.with_all_equations(motion, rows, indices, usable)
@@ -541,7 +514,7 @@ def with_gear_torque(
     check_held(robot, "load-dependent friction", IdentificationError)
     # Friction under load needs a gear torque, but is not among the columns behind the gear.
     unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
-    columns = load_columns(robot, unloaded, model, springs)
+    columns = load_side(robot).columns(unloaded, model, springs)
     drives = [
         place
         for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))

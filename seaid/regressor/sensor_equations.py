@@ -257,22 +257,13 @@ def equations_of(
 def _drive_equations(
     i: int, terms: DriveTerms, sensors: frozenset[str], seen: KnownPositions
 ) -> Iterator[Equation]:
-    unity = fmpq(1)
-    yield Equation(
-        "motor",
-        i,
-        ((i, unity, terms.motor),),
-        {("motor", i): -unity, ("load", i): terms.share},
-        _missing(terms.motor, i, sensors, seen),
-    )
+    unity, missing = fmpq(1), _missing(terms.motor, i, sensors, seen)
+    torques = {("motor", i): -unity, ("load", i): terms.share}
+    yield Equation("motor", i, ((i, unity, terms.motor),), torques, missing)
     if terms.spring is not None:
-        yield Equation(
-            "spring",
-            i,
-            ((i, unity, terms.spring),),
-            {("load", i): -1 / exact_number(terms.drive.load_radius)},
-            _missing(terms.spring, i, sensors, seen),
-        )
+        torques = {("load", i): -1 / exact_number(terms.drive.load_radius)}
+        missing = _missing(terms.spring, i, sensors, seen)
+        yield Equation("spring", i, ((i, unity, terms.spring),), torques, missing)
     for sensor, expression in terms.inputs.items():
         missing = _missing(expression, i, sensors, seen)
         if sensor not in sensors:
@@ -309,14 +300,12 @@ def _missing(
     """Return the quantities in an expression that the sensors do not determine."""
     symbols = {symbol.name for symbol in expression.free_symbols}
     names = {name.removesuffix("_ddot").removesuffix("_dot") for name in symbols}
+    is_felt = bool(sensors & {*INPUTS, "joint_torque"})
     needs = {
         "theta_M": ("the motor's position is not known", seen.motor[i]),
         "theta_L": ("the joint's position is not known", seen.driven[i]),
         "deflection": ("the spring's deflection is not known", seen.stretch[i]),
-        "tau_G": (
-            "its friction needs the torque through the gear",
-            bool(sensors & {*INPUTS, "joint_torque"}),
-        ),
+        "tau_G": ("its friction needs the torque through the gear", is_felt),
     }
     return tuple(text for name, (text, is_known) in needs.items() if name in names and not is_known)
 

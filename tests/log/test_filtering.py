@@ -65,7 +65,8 @@ def test_values_at_rows_are_those_of_all_samples(samples: np.ndarray, cutoff_hz:
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(4000, 3, 4)).cumsum(axis=0)
     columns[:, 1] = 0.0
-    motion = cast(Motion, SimpleNamespace(rate_hz=RATE_HZ, cutoff_hz=cutoff_hz))
+    bands = {"rate_hz": RATE_HZ, "cutoff_hz": cutoff_hz}
+    motion = cast(Motion, SimpleNamespace(time=np.arange(4000) / RATE_HZ, **bands))
     every, some = in_band(motion, columns), in_band_at(motion, columns, samples)
     # One period of the cutoff from the ends, where there are no rows, transients are below 1e-6.
     np.testing.assert_allclose(some, every[samples], rtol=0, atol=1e-6 * float(np.std(columns)))
