@@ -23,7 +23,6 @@ from itertools import chain, pairwise
 
 import numpy as np
 import scipy
-from scipy.special import stdtridf, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray
 
@@ -215,9 +214,9 @@ def fixed_b_freedom(b: float) -> float:
     # The quantile is that of a value over its biased sum; the unbiased variance is larger by 1 /
     # left, and the value over it smaller by the root.
     quantile = fixed_b(b) * math.sqrt(left_of_mean(b))
-    if quantile < stdtrit(MOST_FREEDOM, 0.975):
+    if quantile < scipy.special.stdtrit(MOST_FREEDOM, 0.975):
         return MOST_FREEDOM
-    return float(stdtridf(0.975, quantile))
+    return float(scipy.special.stdtridf(0.975, quantile))
 
 
 def bartlett(chunks: Iterable[Array], lags: int) -> tuple[Array, Array]:
