@@ -26,8 +26,8 @@ from seaid.errors import IdentificationError, SeaidError
 if TYPE_CHECKING:
     from seaid.regressor import Regression
 
-_BLOCK = 1024
-"""Rows that are factored at once: they stay in the processor's cache."""
+_BLOCK, _PANEL = 1024, 16
+"""Rows that are factored at once and stay in the processor's cache, and columns of a panel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +134,12 @@ def combined(parts: Iterable[QRFactor]) -> QRFactor:
 
 def triangle(columns: Array) -> Array:
     """Return the upper triangular factor R (m, c) of columns (R, c), m the smaller of R and c."""
-    count, width = columns.shape
-    if not count:
+    width, rows = columns.shape[1], min(columns.shape)
+    if not rows:
         return np.empty((0, width))
-    # LAPACK alone, without Q: of the small factors of checks scipy's `qr` takes twice as long.
-    vectors = linalg.lapack.dgeqrf(columns, lwork=32 * width + 1, overwrite_a=True)[0]
-    rows = min(count, width)
+    # LAPACK alone, without Q: of the small factors of checks scipy's `qr` takes twice as long. By
+    # panels that are factored recursively: of fifty columns `dgeqrf` takes twice as long, too.
+    vectors = linalg.lapack.dgeqrt(min(_PANEL, rows), columns, overwrite_a=True)[0]
     return np.where(_below(rows, width), 0.0, vectors[:rows])
 
 
