@@ -26,8 +26,8 @@ from seaid.errors import IdentificationError, SeaidError
 if TYPE_CHECKING:
     from seaid.regressor import Regression
 
-_BLOCK, _PANEL = 1024, 16
-"""Rows that are factored at once and stay in the processor's cache, and columns of a panel."""
+_BLOCK = 1024
+"""Rows that are factored at once: they stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +138,8 @@ def triangle(columns: Array) -> Array:
     if not rows:
         return np.empty((0, width))
     # LAPACK alone, without Q: of the small factors of checks scipy's `qr` takes twice as long. By
-    # panels that are factored recursively: of fifty columns `dgeqrf` takes twice as long, too.
-    vectors = linalg.lapack.dgeqrt(min(_PANEL, rows), columns, overwrite_a=True)[0]
+    # panels of 16 columns, factored recursively: of fifty columns `dgeqrf` takes twice as long.
+    vectors = linalg.lapack.dgeqrt(min(16, rows), columns, overwrite_a=True)[0]
     return np.where(_below(rows, width), 0.0, vectors[:rows])
 
 

@@ -33,10 +33,6 @@ It decays with exp(-2 pi f t / sqrt 2), by 0.012 in each.
 """
 
 
-_FEW = 32
-"""Columns up to which a sum over rows takes less time than a recursion."""
-
-
 def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Return columns (T, any) after a zero-phase Butterworth low pass; unchanged near Nyquist."""
     if cutoff_hz >= UNFILTERED * rate_hz:
@@ -106,10 +102,10 @@ def low_pass_at(
     sums[1, 0] = _weighted(near[None], after)[0] + near[-1] * p / (1 - p) * after[-1]
     # s_m + q s_(m-1) + q^2 s_(m-2) + ..., of many columns by a recursion, since one row of them
     # stays in the cache; of few with twice as many terms at each turn.
-    q, terms = p**step, 1
-    for row in range(blocks if width > _FEW else 0):
+    q, terms, is_wide = p**step, 1, width > 32
+    for row in range(blocks if is_wide else 0):
         sums[:, row + 1] += q * sums[:, row]
-    while width <= _FEW and terms <= blocks and abs(q) > np.finfo(float).eps:
+    while not is_wide and terms <= blocks and abs(q) > np.finfo(float).eps:
         sums[:, terms:] += q * sums[:, :-terms]
         q, terms = q * q, 2 * terms
     outer = (c * (sums[0] + sums[1, ::-1])).real

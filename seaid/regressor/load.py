@@ -69,7 +69,7 @@ def drive_parameters(
     They are returned by a function of the places of the columns wanted, and of samples (a slice).
     Most drives move one joint, so that most of the columns is zero, and is never in memory.
     """
-    placed, drives = list[tuple[int, int, Array]](), list[tuple[str, str, str]]()
+    placed, drives = list[tuple[Array, int, Array]](), list[tuple[str, str, str]]()
     known = list(map(robot.index, rows))
     for joint in robot.joint_names:
         index, drive = robot.index(joint), robot.drives[joint]
@@ -87,21 +87,26 @@ def drive_parameters(
             # Parallel spring and joint friction act at the joint itself.
             if regressor is not motor_regressor(robot, joint):
                 by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
-            numbered = list(enumerate(factor * regressor.evaluate(by_name)[1].T, len(drives)))
-            for row in np.flatnonzero(share[known]).tolist():
-                placed += [(row, place, share[known][row] * x) for place, x in numbered]
+            placed.append((share[known], len(drives), factor * regressor.evaluate(by_name)[1]))
             units = zip(regressor.names, regressor.units, strict=True)
             drives += [(joint, str(name), unit) for name, unit in units]
-    samples = signals_of(0)["theta_L"]
+    like = np.empty((len(signals_of(0)["theta_L"]), len(rows), 0))
+    return partial(_table, placed, like), drives
 
-    def columns(chosen: Sequence[int], part: slice = slice(None)) -> Array:
-        table = np.zeros((len(samples[part]), len(rows), len(chosen)))
-        for row, place, values in placed:
-            if place in chosen:
-                table[:, row, chosen.index(place)] = values[part]
-        return table
 
-    return columns, drives
+_Placed = Sequence[tuple[Array, int, Array]]
+"""The shares (rows,) of drives in the rows, the place of their first column, and columns (T, c)."""
+
+
+def _table(placed: _Placed, like: Array, chosen: Sequence[int], part: slice = slice(None)) -> Array:
+    """Return chosen columns (S, rows, chosen) at some samples; `like` is (T, rows, 0)."""
+    table = np.zeros((*like[part].shape[:2], len(chosen)))
+    for shares, first, columns in placed:
+        for row in np.flatnonzero(shares).tolist():
+            for place, values in enumerate(columns.T, first):
+                if place in chosen:
+                    table[:, row, chosen.index(place)] = shares[row] * values[part]
+    return table
 
 
 def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
@@ -211,7 +216,7 @@ class LoadColumns:
         """
         columns = in_band_at(motion, lambda x: where_known(known[x], self.columns(x)), rows)
         payload, H = self._sides(columns)
-        y = in_band_at(motion, known * self.torque, rows) - payload
+        y = in_band_at(motion, where_known(known, self.torque.copy()), rows) - payload
         return y, H, in_band_at(motion, where_known(known, self.propagated), rows)
 
 

@@ -56,13 +56,12 @@ _DETERMINED = 1e-9
 
 def known_positions(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> KnownPositions:
     """Return which positions are in the row space of the encoders' and stiff drives' equations."""
-    n = robot.n
-    drives = [robot.drives[joint] for joint in robot.joint_names]
+    radii = [[robot.drives[joint].load_radius] for joint in robot.joint_names]
     # Coordinates: the motor angles r_M/N theta_M, in the joints' unit, then the joint positions.
-    motors, joints = np.split(np.eye(2 * n), 2)
+    motors, joints = np.split(np.eye(2 * robot.n), 2)
     driven = robot.transmission @ joints
     # (3): r_M/N theta_M - r_L theta_L.
-    stretches = motors - np.array([[drive.load_radius] for drive in drives]) * driven
+    stretches = motors - np.array(radii) * driven
     encoders = ("motor_position", "joint_position", "deflection")
     seen = np.array([[name in sensors[joint] for joint in robot.joint_names] for name in encoders])
     seen[2] |= ~np.isin(robot.joint_names, robot.elastic_joints)  # zero for a stiff drive
