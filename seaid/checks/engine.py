@@ -29,7 +29,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, TypeVarTuple
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid.checks.tolerances import CONFIDENCE, MOST, NEGLIGIBLE, SIGNIFICANT, SLIGHT
@@ -171,7 +171,7 @@ class ModelComparison:
     def is_better(self) -> bool:
         """Whether the criterion and the prediction improve, whatever the part of the residual."""
         # The quantile of Student's t: 2.36 standard errors of the mean of eight blocks.
-        least = float(stdtrit(self.blocks - 1, CONFIDENCE))
+        least = float(scipy.special.stdtrit(self.blocks - 1, CONFIDENCE))
         return self.bic > 0 and self.improvement > 0 and self.t > least
 
     @property

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from seaid._arrays import FrozenMapping
 from seaid.checks.codes import CODES, in_drives, only_joint
@@ -116,7 +116,8 @@ def motor_side_findings(
     for joint, sizes in tests.items():
         damping, error = sizes.get(1, (0.0, 0.0))
         fall, error_of_fall = sizes.get(2, (0.0, 0.0))
-        is_link, is_damped = fall > ndtri(0.99) * error_of_fall, damping > SURE * error
+        is_link = fall > scipy.special.ndtri(0.99) * error_of_fall
+        is_damped = damping > SURE * error
         # damping of a spring has a part in the other term; a link has less than any spring
         if is_damped and not (is_link and damping < FEW):
             evidence = {"damping ratio": damping / 2, "standard error": error / 2}
@@ -128,7 +129,7 @@ def motor_side_findings(
             yield _flexible(joint, fall, error_of_fall, antiresonances_hz[joint], less)
         elif 2 in sizes:
             # Of half of the inertia B is d^2: the upper end of its one-sided 95 % interval as d.
-            hidden[joint] = math.sqrt(abs(fall) + ndtri(0.95) * error_of_fall)
+            hidden[joint] = math.sqrt(abs(fall) + scipy.special.ndtri(0.95) * error_of_fall)
     case, words = "series", {"names": ", ".join(tests)}
     evidence = {f"hidden part of the stiffness of {x}": y for x, y in hidden.items()}
     if hidden:

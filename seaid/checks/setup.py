@@ -20,7 +20,7 @@ from itertools import permutations, product
 from operator import attrgetter
 
 import numpy as np
-from scipy.special import chdtri
+import scipy
 
 from seaid._arrays import Array
 from seaid.checks import bodies, channels, codes, commands, gears
@@ -86,7 +86,7 @@ class _Trial:
         """
         # The value that chi-square exceeds with this probability: FEW for all transforms together
         # is FEW / count for each (Bonferroni).
-        least = chdtri(max(self.transform.penalty, 1), tol.FEW / self.count) / 2
+        least = scipy.special.chdtri(max(self.transform.penalty, 1), tol.FEW / self.count) / 2
         return self.explains(float(least))
 
     @property

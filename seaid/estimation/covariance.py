@@ -19,11 +19,10 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from itertools import chain
+from itertools import chain, pairwise
 
 import numpy as np
 import scipy
-from scipy.special import stdtridf, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray
 
@@ -142,13 +141,16 @@ def _window_squares(x: Array, Q: Array, lags: int) -> Array:
     window = np.zeros((x.shape[2], Q.shape[2]))
     for start in range(0, count, step):
         end = min(start + step, count)
-        leaves, enters = (
+        leaves, windows = (
             x[span].swapaxes(1, 2) @ Q[span]
             for span in (slice(start, end), slice(start + lags + 1, end + lags + 1))
         )
         # Window i is window i - 1 with the instant that enters and without that which leaves, so
-        # that the cost does not grow with the lags.
-        windows = window + np.cumsum(enters - leaves, axis=0)
+        # that the cost does not grow with the lags. (`np.cumsum` along the first axis takes ten
+        # times as long.)
+        windows -= leaves
+        for before, after in pairwise([window, *windows]):
+            after += before
         squares += np.einsum("tpm,tpm->p", windows, windows)
         window = windows[-1]
     return squares
@@ -212,9 +214,9 @@ def fixed_b_freedom(b: float) -> float:
     # The quantile is that of a value over its biased sum; the unbiased variance is larger by 1 /
     # left, and the value over it smaller by the root.
     quantile = fixed_b(b) * math.sqrt(left_of_mean(b))
-    if quantile < stdtrit(MOST_FREEDOM, 0.975):
+    if quantile < scipy.special.stdtrit(MOST_FREEDOM, 0.975):
         return MOST_FREEDOM
-    return float(stdtridf(0.975, quantile))
+    return float(scipy.special.stdtridf(0.975, quantile))
 
 
 def bartlett(chunks: Iterable[Array], lags: int) -> tuple[Array, Array]:

@@ -20,9 +20,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from scipy import linalg
-from scipy.fft import dct
-from scipy.special import fdtri
 
 from seaid._arrays import Array, BoolArray, safely
 from seaid.estimation.covariance import MOST_FREEDOM, at_slots, row_step, slots
@@ -136,7 +135,7 @@ def _band(rows: Regression, equation: int, weight: float, highest_hz: float) -> 
         # The mean counts as half a step from the first cosine.
         frequency.append(np.maximum(order, 0.5) / (2 * len(signal) * step))
         # Orthonormal: the coefficients of white noise have its standard deviation.
-        coefficients.append(dct(signal, axis=0, norm="ortho")[:count])
+        coefficients.append(scipy.fft.dct(signal, axis=0, norm="ortho")[:count])
     masks = np.concatenate(changes)
     return _Band(equation, np.concatenate(frequency), masks, np.concatenate(coefficients))
 
@@ -333,8 +332,8 @@ def _ratios(
     # parameters share noise: degrees of freedom of their mean grow with the root of their number
     root_count = math.sqrt(np.sum(seen))
     # Both are quantiles of F; that of the largest ratio is at (1 - level) / number (Bonferroni).
-    least_mean = fdtri(between_freedom * root_count, freedom * root_count, _LEVEL)
-    least_single = fdtri(between_freedom, freedom, 1 - (1 - _LEVEL) / np.sum(seen))
+    least_mean = scipy.special.fdtri(between_freedom * root_count, freedom * root_count, _LEVEL)
+    least_single = scipy.special.fdtri(between_freedom, freedom, 1 - (1 - _LEVEL) / np.sum(seen))
     if np.mean(seen_ratios) > least_mean or np.max(seen_ratios) > least_single:
         ratios[seen] = seen_ratios
     return ratios

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from scipy import linalg
-from scipy.special import chdtrc, fdtrc, stdtrit
 
 from seaid._arrays import Array, FrozenMapping, freeze
 from seaid._progress import MOST_NAMES, Result, counted
@@ -159,7 +159,7 @@ class Estimate(Result):
         """
         if not 0 < level < 1:
             raise SeaidError(f"level must be between 0 and 1, found {level}")
-        half = stdtrit(self._freedom, 0.5 + level / 2) * self.standard_errors
+        half = scipy.special.stdtrit(self._freedom, 0.5 + level / 2) * self.standard_errors
         return np.column_stack([self.values - half, self.values + half])
 
     def to_dataframe(self) -> DataFrame:
@@ -317,7 +317,7 @@ class TermTest:
             terms=tuple(terms),
             growth=growth,
             F=F,
-            p_value=float(fdtrc(q, independent - p, max(F, 0.0))),
+            p_value=float(scipy.special.fdtrc(q, independent - p, max(F, 0.0))),
             # Schwarz 1978: BIC = n log(SSR / n) + p log n, without the terms minus with them.
             bic=float(independent * np.log(growth) - q * np.log(independent)),
             independent=independent,
@@ -450,7 +450,7 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
         by_joint[int(joint)] = Whiteness(
             first=float(r[0]),
             durbin_watson=changes / lagged[0] if lagged[0] > 0 else 2.0,
-            p_value=float(chdtrc(tested, Q)) if tested else 1.0,
+            p_value=float(scipy.special.chdtrc(tested, Q)) if tested else 1.0,
         )
     return by_joint
 

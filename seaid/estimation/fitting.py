@@ -38,7 +38,6 @@ from seaid.estimation.least_squares import (
     estimate_of,
     estimate_of_rows,
     factored,
-    left_of,
     ordinary,
     residual_fit,
     score_factors,
@@ -46,7 +45,6 @@ from seaid.estimation.least_squares import (
     solve,
     weighted,
     with_blocks,
-    with_drifts_of,
     with_propagated,
 )
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
@@ -333,17 +331,23 @@ def stored_estimate(
     as in `ordinary`; `change` transforms the stored rows, at the same instants; `cutoff_hz` as in
     `estimate_of_rows`. Raises as `ordinary` does.
     """
-    qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
-    weights = weigh(qr_factor)
-    solution = solve(qr_factor, weights)
-    # A second pass with the propagated columns in H finds the noise: the residual without the
-    # errors that they propagate. A third pass sums its scores by instant.
+    if stored.instants <= MOST_INSTANTS:  # all rows fit into memory
+        parts = factored(_whole(stored, change), propagated)
+        weights = weigh(parts.whole)
+        return estimate_of_rows(parts, weights, cutoff_hz), parts.whole, weights
+    # With the propagated columns in H the factors give the noise, too: the residual without the
+    # errors that they propagate. A second pass sums its scores by instant.
     numbered = (
         replace(with_propagated(rows, propagated), run=np.full(len(rows.y), log))
         for log, rows in stored.pieces(change)
     )
     blocks = block_factors(numbered, stored.spans)
-    noise = residual_fit(combined(factor for _, factor in blocks), weights, solution)
+    joined = combined(factor for _, factor in blocks)
+    further = map(str, range(0 if propagated is None else len(propagated)))
+    qr_factor = replace(joined.without(further), excluded=sum(x.excluded for _, x in stored.parts))
+    weights = weigh(qr_factor)
+    solution = solve(qr_factor, weights)
+    noise = residual_fit(joined, weights, solution)
 
     def factors(rows: Regression) -> Array:
         return score_factors(with_propagated(rows, propagated), qr_factor, weights, noise)
@@ -352,15 +356,8 @@ def stored_estimate(
         _scores(pieces, stored.spans[log][0], stored.steps_s[log], factors)
         for log, pieces in stored.logs(change)
     )
-    # Of few instants all rows fit into memory: the covariance then allows for the part of the noise
-    # that the fit removed, and for drifts.
-    whole = _whole(stored, change) if stored.instants <= MOST_INSTANTS else None
-    remaining = None if whole is None else left_of(whole, weights, qr_factor, solution)
-    spread = long_run(scores, stored.instants)
-    initial = estimate_of(qr_factor, weights, spread, None, solution, remaining)
+    initial = estimate_of(qr_factor, weights, long_run(scores, stored.instants), None, solution)
     estimate = with_blocks(qr_factor, weights, (solution, noise), initial, blocks, propagated)
-    if whole is not None:
-        estimate = with_drifts_of(whole, weights, solution, estimate, cutoff_hz)
     return estimate, qr_factor, weights
 
 

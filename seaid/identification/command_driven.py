@@ -27,7 +27,7 @@ from seaid.log.commands import commanded_part, relative_supply
 from seaid.log.filtering import spline_derivatives
 from seaid.log.motion import with_directions
 from seaid.log.usable_parts import stretches, usable
-from seaid.regressor.load import load_columns
+from seaid.regressor.load import load_side
 from seaid.robot import Robot
 from seaid.simulation.plant import (
     jacobians_at_drives,
@@ -155,7 +155,7 @@ def _sensitivity(
     known, model = layout.identification.known, layout.identification.model
     names = model.torque_joints
     order = [robot.index(joint) for joint in names]
-    H = load_columns(known, motion, model, {}).H
+    H = load_side(known).columns(motion, model, {}).H
     ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
     changed = [nudged(motion, derivative, ratio) for derivative in range(3)]
     slopes = drive_slopes(known, motion, changed, model, {}, x[layout.load])

@@ -42,7 +42,7 @@ from seaid.identification.two_step import (
 from seaid.log import Motion, in_band, low_pass
 from seaid.log.filtering import spline_derivatives
 from seaid.regressor import Regression, actuator_regression, load_regression
-from seaid.regressor.load import LoadModel, Springs, known_frictions, load_columns, where_known
+from seaid.regressor.load import LoadModel, Springs, known_frictions, load_side, where_known
 from seaid.regressor.regression import Regress, actuator_columns, known_friction, spring_regressor
 from seaid.robot import Robot, at_drives
 
@@ -80,7 +80,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
         replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a, deflection=None),
         angle,
     )
-    columns = load_columns(robot, reference, fitted.model, fitted.springs)
+    columns = load_side(robot).columns(reference, fitted.model, fitted.springs)
     torque = columns.payload + columns.H @ fitted.load_side
     for row, joint in enumerate(fitted.model.torque_joints):
         drive, index = robot.drives[joint], robot.index(joint)
@@ -136,7 +136,7 @@ def load_with_instruments(
     rows = load_regression(robot, motion, model, springs)
     # Where friction is known is decided by the measured motion, for instruments as for the rows.
     known = known_frictions(robot, motion, model.torque_joints)
-    Z = in_band(made, where_known(known, load_columns(robot, made, model, springs).H))
+    Z = in_band(made, where_known(known, load_side(robot).columns(made, model, springs).H))
     row_of = {robot.index(joint): row for row, joint in enumerate(model.torque_joints)}
     which = [row_of[int(index)] for index in rows.joint]
     return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time), which])

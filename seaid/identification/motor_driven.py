@@ -33,7 +33,7 @@ from seaid.log import Log, Motion, reconstruct_motion
 from seaid.log.filtering import decimation
 from seaid.log.motion import POSITION_BAND, decimated
 from seaid.log.rows import still_speed
-from seaid.regressor.load import load_columns
+from seaid.regressor.load import load_side
 from seaid.regressor.regression import actuator_columns
 from seaid.robot import Robot
 from seaid.simulation.plant import response_to, torque_jacobians
@@ -208,10 +208,10 @@ class MotorDriven(Outputs):
         """The columns of (8) of all joints with a torque."""
         layout, motion, x = self.layout, self.run.motion, self.x
         model = layout.identification.model
-        side = load_columns(self.known, motion, model, layout.springs_at(x))
+        side = load_side(self.known).columns(motion, model, layout.springs_at(x))
         columns = np.zeros((*side.torque.shape, 1 + len(x)))
         by_x = columns[:, :, 1:]
-        columns[:, :, 0] = side.residual(x[layout.load])
+        columns[:, :, 0] = side.torque - side.payload - side.H @ x[layout.load]
         by_x[:, :, layout.load] = -side.H
         of_springs = [column for joint in layout.simulated for column in layout.spring(joint)]
         by_x[:, :, of_springs] = side.propagated

@@ -32,7 +32,7 @@ from seaid.log import Log, Motion, low_pass, row_samples
 from seaid.log.filtering import spline_derivatives
 from seaid.log.motion import FEWEST_PERIODS, decimated, reconstruct_motions
 from seaid.log.rows import in_band_at
-from seaid.regressor.load import LoadModel, load_columns, load_model_of
+from seaid.regressor.load import LoadModel, load_model_of, load_side
 from seaid.regressor.regression import actuator_columns, spring_regressor
 from seaid.robot import Robot, at_drives, at_joints
 from seaid.robot.transmission import completed
@@ -258,7 +258,7 @@ class MotorRegression:
         # the torques of the springs are those that (7) leaves of the motors'
         springs = {x: np.zeros(len(spring_regressor(robot, x).names)) for x in self.joints}
         rows = [self.model.torque_joints.index(joint) for joint in self.joints]
-        columns = load_columns(robot, motion, self.model, springs)
+        columns = load_side(robot).columns(motion, self.model, springs)
         of_friction = np.zeros((*columns.torque.shape, len(friction)))
         columns.torque[:, rows], of_friction[:, rows] = load.torque, load.friction
         y = (columns.torque - columns.payload)[:, :, None]

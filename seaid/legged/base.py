@@ -38,7 +38,14 @@ from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.legged.floating import FloatingRobot, base_of
 from seaid.legged.load_side import accelerometer_rows, wrench_rows
 from seaid.log import BaseLog, Log, Motion, low_pass
-from seaid.log.base_log import BaseMotion, base_jumps, matrices, needed_columns, quaternion_rates
+from seaid.log.base_log import (
+    BaseMotion,
+    differentiated,
+    jumps_of,
+    matrices,
+    needed_columns,
+    quaternion_rates,
+)
 from seaid.log.channels import CHANNELS
 from seaid.log.motion import MotionWithBase
 from seaid.regressor.load import LoadModel
@@ -74,6 +81,17 @@ def _missing_axes(record: BaseRecord) -> Iterator[Finding]:
                 words = {"axis": axis, "name": name.replace("_", " ")}
                 evidence = {"value": float(column[0]) + 0.0, **words}
                 yield CODES["base-sensor"].finding("constant", "", evidence)
+
+
+def base_jumps(log: BaseLog, time: Array) -> dict[str, tuple[int, float, float]]:
+    """Return {field: number of jumps, the largest, time of the first} of a pose that jumps."""
+    jumps = {}
+    for name in differentiated(log):
+        is_jump, off = jumps_of(name, getattr(log, name))
+        if np.any(is_jump):
+            largest = float(np.max(np.linalg.norm(off[is_jump], axis=1)))
+            jumps[name] = int(is_jump.sum()), largest, float(time[np.argmax(is_jump)])
+    return jumps
 
 
 def _jumps(record: BaseRecord) -> Iterator[Finding]:

@@ -65,7 +65,6 @@ from seaid.log import Motion, in_band
 from seaid.log.base_log import BaseMotion
 from seaid.log.filtering import decimation
 from seaid.log.motion import MotionWithBase, decimated
-from seaid.log.rows import inside_transients
 from seaid.regressor import Regression
 from seaid.regressor.load import LoadModel
 from seaid.regressor.regression import stacked
@@ -339,6 +338,12 @@ def contacts_of(robot: FloatingRobot, motion: Motion) -> tuple[Contact, ...]:
     if base.up is None:
         measured = [replace(contact, radius_m=0.0) for contact in measured]
     return (*flagged, *measured)
+
+
+def inside_transients(motion: Motion) -> BoolArray:
+    """Return the samples (T,) that are no filter transients."""
+    samples, transient = np.arange(len(motion.time)), round(motion.transient_s * motion.rate_hz)
+    return np.asarray((samples >= transient) & (samples < len(samples) - transient))
 
 
 def force_instants(

@@ -210,7 +210,7 @@ def floating_columns(
     # M v' + h = S^T tau + sum J_c^T w: the base has no motor, so that its rows begin with zeros.
     torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, joint_places, base.up)
     unknown = unknown_frictions(robot, motion, joints)
-    drives = drive_columns(robot, motion, model)
+    drives = drive_columns(robot, motion, model)()
     propagated = joined(below_base(propagated), further)
     if thetas is not None:
         drives = drives @ thetas[p:]
@@ -232,14 +232,15 @@ def floating_columns(
         else:
             H = Y[:, :, :p] @ thetas[:p] + drives[part]
         # The projection is linear and the same for both sides of the equations.
-        both = np.stack([torque[part], payload], axis=2)
+        both = np.stack([payload, torque[part]], axis=2)
         rows = np.concatenate([H, both, propagated[part]], axis=2)
         rows = without_contact_forces(
             robot, states[0], piece.contacts, joint_places, rows, unknown[part], piece.up
         )
         table[part] = rows * piece.used[:, None, None]
-    H, torque, payload = table[:, :, :count], table[:, :, count], table[:, :, count + 1]
-    return LoadColumns(torque, payload, H, table[:, :, count + 2 :])
+    # The last column of `columns` is the payload itself.
+    columns, torque, propagated = np.split(table, [count + 1, count + 2], axis=2)
+    return LoadColumns(torque[:, :, 0], propagated, columns.__getitem__, np.ones(1))
 
 
 def _indices(robot: Robot, joints: Joints) -> list[int]:
@@ -325,13 +326,14 @@ def contact_force_columns(
     base_states = angular_velocity, angular_acceleration, specific_force
     Y = floating_rows(robot, floating_regressor(robot, q, v, a, base_states), joints)
     signals_of = partial(load_signals, robot, motion)
-    columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
+    of_drives, drives = drive_parameters(robot, model.torque_joints, signals_of)
     wanted = [drives.index(drive) for drive in (*model.drives, *model.absorbed)]
     grouping = np.zeros((len(model.names), Y.shape[2] + len(wanted)))
     grouping[:p, : Y.shape[2]] = model.base.grouping
     grouping[p:, Y.shape[2] : Y.shape[2] + len(model.drives)] = np.eye(len(model.drives))
     grouping[:, Y.shape[2] + len(model.drives) :] = model.absorption
-    force_columns = np.concatenate([Y, below_base(columns[samples][:, :, wanted])], axis=2)
+    columns = below_base(of_drives(wanted)[samples])
+    force_columns = np.concatenate([Y, columns], axis=2)
     is_unknown = ~np.concatenate([robot.is_known, np.zeros(len(wanted), bool)])
     return force_columns * is_unknown, grouping * is_unknown
 
@@ -507,8 +509,8 @@ def _further_rows(
     def regress(piece: Motion) -> Regression:
         held = guided(robot, base_of(piece).guided)
         A = as_equations(robot, piece, joints, floating_rows(held, columns_of(piece), joints))
-        torque = A[:, :, -1]
-        columns = LoadColumns(torque, np.zeros_like(torque), A[:, :, :-1], A[:, :, :0])
+        bodies, torque, none = np.split(A, [A.shape[2] - 1, A.shape[2]], axis=2)
+        columns = LoadColumns(torque[:, :, 0], none, bodies.__getitem__, np.zeros(0))
         return load_rows(robot, piece, model, columns, (names, (unit,) * len(names)))
 
     return rows_by_pieces(motion, regress, _piece_samples(model))

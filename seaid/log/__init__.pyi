@@ -11,7 +11,6 @@ from .long_log import LongLog as LongLog
 from .long_log import open_long_log as open_long_log
 from .motion import Motion as Motion
 from .motion import Processing as Processing
-from .motion import has_holes as has_holes
 from .motion import reconstruct_motion as reconstruct_motion
 from .reading import read_log as read_log
 from .repair import FOUND_CONTACT as FOUND_CONTACT

@@ -441,7 +441,7 @@ _RARE = 20.0
 """A jump is this many times as large as the median change of the steps."""
 
 
-def _differentiated(log: BaseLog) -> list[str]:
+def differentiated(log: BaseLog) -> list[str]:
     """Return the fields whose derivatives enter the equations."""
     names = ["orientation"] if log.angular_velocity is None else []
     if log.specific_force is None:
@@ -449,7 +449,7 @@ def _differentiated(log: BaseLog) -> list[str]:
     return [name for name in names if getattr(log, name) is not None]
 
 
-def _jumps(name: str, values: Array) -> tuple[BoolArray, Array]:
+def jumps_of(name: str, values: Array) -> tuple[BoolArray, Array]:
     """Return the samples (T,) that a jump ends, and how far each of the steps (T, k) is off."""
     steps = np.diff(values, axis=0)
     off = np.zeros_like(values)
@@ -462,23 +462,12 @@ def _jumps(name: str, values: Array) -> tuple[BoolArray, Array]:
     return is_jump, off
 
 
-def base_jumps(log: BaseLog, time: Array) -> dict[str, tuple[int, float, float]]:
-    """Return {field: number of jumps, the largest, time of the first} of a pose that jumps."""
-    jumps = {}
-    for name in _differentiated(log):
-        is_jump, off = _jumps(name, getattr(log, name))
-        if np.any(is_jump):
-            largest = float(np.max(np.linalg.norm(off[is_jump], axis=1)))
-            jumps[name] = int(is_jump.sum()), largest, float(time[np.argmax(is_jump)])
-    return jumps
-
-
 def _without_jumps(log: BaseLog) -> tuple[BaseLog, BoolArray]:
     """Return the samples without jumps, and a flag (T,) that changes where they were."""
     arrays = _changed(log, lambda values: values)
     jumps = np.zeros(len(next(iter(log.columns().values()))), dtype=bool)
-    for name in _differentiated(log):
-        is_jump, off = _jumps(name, arrays[name])
+    for name in differentiated(log):
+        is_jump, off = jumps_of(name, arrays[name])
         jumps |= is_jump
         # Rotations do not add, so that their jumps are only excluded.
         if np.any(is_jump) and name != "orientation":

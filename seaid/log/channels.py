@@ -206,15 +206,15 @@ def units_of(kind: str) -> set[str]:
 
 def check_finite(about: str, values: Array, advice: str = "drop the sample") -> None:
     """Raise LogError for samples (T,) or (T, k) that are NaN or infinite, naming the first one."""
-    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
-    if len(bad):
+    if not np.isfinite(values).all():
+        bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         size = {"bad": len(bad), "count": len(values)}
         raise refusal("not_finite", about=about, row=bad[0], advice=advice, **size)
 
 
 def check_size(about: str, values: Array, largest: float) -> None:
     """Raise LogError for finite samples (T,) beyond what any sensor measures."""
-    beyond = np.flatnonzero(np.abs(np.nan_to_num(values, posinf=0, neginf=0)) > largest)
+    beyond = np.flatnonzero(np.isfinite(values) & (np.abs(values) > largest))
     if len(beyond):
         value, row = values[beyond[0]], beyond[0]
         raise refusal("too_large", about=about, value=value, row=row, largest=largest)

@@ -62,8 +62,13 @@ def _warped(rate_hz: float, cutoff_hz: float) -> float:
     return math.tan(math.pi * cutoff_hz / rate_hz)
 
 
-def low_pass_at(signals: Array, rate_hz: float, cutoff_hz: float, lattice: slice) -> Array:
+def low_pass_at(
+    columns: Callable[[slice], Array], count: int, rate_hz: float, cutoff_hz: float, lattice: slice
+) -> Array:
     """Return `low_pass` at the samples of a slice, by sums over the blocks between them.
+
+    `columns` returns columns (S, ...) of successive ones of `count` samples: those of all samples
+    need not be in memory.
 
     The low pass forward and backward has the kernel phi_0 at lag zero and Re(c p^|l|) elsewhere,
     with the pole p. Its sums to both sides of a sample are those of its block, and p^step times
@@ -74,27 +79,37 @@ def low_pass_at(signals: Array, rate_hz: float, cutoff_hz: float, lattice: slice
     blocks = (lattice.stop - 1 - first) // step
     last = first + blocks * step
     # The odd continuation of `low_pass` at both ends.
-    pad = min(len(signals) - 1, round(3 * rate_hz / cutoff_hz))
-    before = np.concatenate([2 * signals[:1] - signals[pad:0:-1], signals[:first]])
-    after = np.concatenate([signals[last:], 2 * signals[-1:] - signals[-2 : -pad - 2 : -1]])
+    pad = min(count - 1, round(3 * rate_hz / cutoff_hz))
+    ends = slice(max(first, pad + 1)), slice(min(last, count - pad - 1), count)
+    start, end = (np.reshape(x := columns(part), (len(x), -1)) for part in ends)
+    before = np.concatenate([2 * start[:1] - start[pad:0:-1], start[:first]])
+    after = np.concatenate([end[last - count :], 2 * end[-1:] - end[-2 : -pad - 2 : -1]])
     # p^l, which NumPy computes in a twentieth of the time as an exponential.
     powers = np.exp(np.log(p) * np.arange(max(step, len(before), len(after)) + 1))
     # Lags of step to 1 before the next sample, and of 0 to step - 1 after this one.
-    within = signals[first:last].reshape(blocks, step, -1)
-    sums = np.empty((2, blocks + 1, signals.shape[1]), dtype=complex)
-    both = _weighted(np.stack([powers[step:0:-1], powers[:step]]), within)
-    sums[0, 1:], sums[1, :0:-1] = both[:, 0], both[:, 1]
+    lags, width = np.stack([powers[step:0:-1], powers[:step]]), start.shape[1]
+    sums, at = np.empty((2, blocks + 1, width), dtype=complex), np.empty((blocks, width))
+    # 100,000 numbers at a time stay in the processor's cache.
+    size = max(100_000 // (step * max(width, 1)), 1)
+    for i in range(0, blocks, size):
+        j = min(i + size, blocks)
+        within = columns(slice(first + i * step, first + j * step)).reshape(j - i, step, -1)
+        both, at[i:j] = _weighted(lags, within), within[:, 0]
+        sums[0, i + 1 : j + 1], sums[1, ::-1][i:j] = both[:, 0], both[:, 1]
     # Beyond the continuation there is a constant: p^T + p^(T+1) + ... = p^T / (1 - p).
     far, near = powers[len(before) : 0 : -1], powers[: len(after)]
     sums[0, 0] = _weighted(far[None], before)[0] + far[0] * p / (1 - p) * before[0]
     sums[1, 0] = _weighted(near[None], after)[0] + near[-1] * p / (1 - p) * after[-1]
-    # s_m + q s_(m-1) + q^2 s_(m-2) + ..., twice as many terms at each turn.
-    q, terms = p**step, 1
-    while terms <= blocks and abs(q) > np.finfo(float).eps:
+    # s_m + q s_(m-1) + q^2 s_(m-2) + ..., of many columns by a recursion, since one row of them
+    # stays in the cache; of few with twice as many terms at each turn.
+    q, terms, is_wide = p**step, 1, width > 32
+    for row in range(blocks if is_wide else 0):
+        sums[:, row + 1] += q * sums[:, row]
+    while not is_wide and terms <= blocks and abs(q) > np.finfo(float).eps:
         sums[:, terms:] += q * sums[:, :-terms]
         q, terms = q * q, 2 * terms
     outer = (c * (sums[0] + sums[1, ::-1])).real
-    return np.asarray(outer + (centre - c.real) * signals[first : last + 1 : step])
+    return np.asarray(outer + (centre - c.real) * np.concatenate([at, after[:1]]))
 
 
 def _weighted(weights: Array, signals: Array) -> Array:

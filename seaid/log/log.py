@@ -203,8 +203,9 @@ class Log(Display):
 
     def logged(self, joint: str) -> dict[str, Array]:
         """Return {field: samples (T,)} of the sensors that the log has of a joint."""
-        samples = {field: values[:, 0] for field, values in self.sensors([joint]).items()}
-        return {field: values for field, values in samples.items() if not np.all(np.isnan(values))}
+        samples = {x: y[:, self.joint_names.index(joint)] for x, y in self.sensors().items()}
+        # Of most columns the first sample decides.
+        return {x: y for x, y in samples.items() if not (np.isnan(y[0]) and np.all(np.isnan(y)))}
 
     def between(self, start_s: float, end_s: float) -> Log:
         """Return the samples with start_s <= time < end_s."""

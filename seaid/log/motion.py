@@ -37,11 +37,6 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
 
 
-def has_holes(processing: Sequence[Processing]) -> bool:
-    """Return whether a log has holes in time, so that its stretches were processed separately."""
-    return any(repair.kind == HOLES for entry in processing for repair in entry.repairs)
-
-
 @dataclass(frozen=True)
 class Processing:
     """How a motion was computed from a log; str() summarises it in one line.

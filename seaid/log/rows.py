@@ -5,7 +5,7 @@ Of filtered samples few are independent, and at standstill the friction of a mot
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -41,20 +41,25 @@ def in_band(motion: Motion, columns: Array) -> Array:
     return in_band_at(motion, columns, np.arange(len(columns)))
 
 
-def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
+Columns = Array | Callable[[slice], Array]
+"""Columns (T, ...) of a motion, or a function that returns those (S, ...) of successive samples."""
+
+
+def in_band_at(motion: Motion, columns: Columns, samples: IndexArray) -> Array:
     """Return some samples of `in_band`.
 
     Where they are far apart, as rows are, only their own values are computed. Elsewhere zero
     columns, half of those of a chain, are skipped.
     """
-    shape = columns.shape[1:]
-    table = np.reshape(columns, (len(columns), -1))
+    made = columns if callable(columns) else columns.__getitem__
+    count, shape = len(motion.time), made(slice(0)).shape[1:]
     step = int(np.gcd.reduce(np.diff(samples))) if len(samples) > 1 else 0
     if step >= _FAR_APART and motion.cutoff_hz < filtering.UNFILTERED * motion.rate_hz:
         first, last = int(np.min(samples)), int(np.max(samples))
         numbers, lattice = (samples - first) // step, slice(first, last + 1, step)
-        filtered = filtering.low_pass_at(table, motion.rate_hz, motion.cutoff_hz, lattice)[numbers]
-        return filtered.reshape(len(samples), *shape)
+        filtered = filtering.low_pass_at(made, count, motion.rate_hz, motion.cutoff_hz, lattice)
+        return filtered[numbers].reshape(len(samples), *shape)
+    table = np.reshape(made(slice(count)), (count, -1))
     used = np.flatnonzero(np.any(table != 0, axis=0))
     filtered = np.zeros((len(samples), table.shape[1]))
     for start in range(0, len(used), _AT_ONCE):
@@ -125,9 +130,3 @@ def still_speed(motion: Motion, index: int, *, of_joint: bool = False) -> float:
 def still_share(drive: Drive) -> float:
     """Return the share of standstill that is allowed for a drive with dry friction."""
     return STRIBECK_SHARE if "stribeck" in drive.friction else STANDSTILL_SHARE
-
-
-def inside_transients(motion: Motion) -> BoolArray:
-    """Return the samples (T,) that are no filter transients."""
-    samples, transient = np.arange(len(motion.time)), round(motion.transient_s * motion.rate_hz)
-    return np.asarray((samples >= transient) & (samples < len(samples) - transient))

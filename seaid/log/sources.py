@@ -99,7 +99,7 @@ class Selection:
         springs = [x.names[0] for x in deflections if x.source != Source(x.names)]
         picked = in_own_frames(both_sides(picked, self.robot, springs), self.robot)
         log = sorted_log({"time_s": time, **picked}, self.robot, self.table.names)
-        return replace(log, report=report)
+        return replace(log, report=report) if report else log
 
     def log(self, data: Block) -> Log:
         """Return the log of loaded columns with one clock, which are not repaired."""

@@ -50,6 +50,8 @@ _MEMORY = local()
 
 def _memory_of(model: pin.Model) -> pin.Data:
     """Return memory for a model: n^3 numbers, shared by models that differ in inertias only."""
+    if model is getattr(_MEMORY, "model", None):  # a copy takes as long as ten samples
+        return _MEMORY.data
     needed = 64 * model.nv**3  # eight arrays of n^3 numbers
     if needed > _MOST_BYTES:
         raise ExcitationError(
@@ -63,6 +65,7 @@ def _memory_of(model: pin.Model) -> pin.Data:
     if tree != getattr(_MEMORY, "tree", None):
         _MEMORY.data = None  # before other n^3 numbers are there
         _MEMORY.tree, _MEMORY.data = tree, tree.createData()
+    _MEMORY.model = model
     return _MEMORY.data
 
 
@@ -97,22 +100,24 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     >>> Y = seaid.regressor.rigid_body_regressor(robot, q, v, a)
     >>> torque = Y @ robot.parameters
     """
-    model, data = robot.model, _memory_of(robot.model)
     q, v, a = (
         frozen(name, value, (None, robot.n)) for name, value in zip("qva", (q, v, a), strict=True)
     )
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
-    moved, N = robot.joint_states(q, v, a), model.nv
-    states = robot.model_states(*moved)
-    # `flat` is a view of the memory that every call fills, and exists after the first call.
+    model, data, N = robot.model, _memory_of(robot.model), robot.model.nv
+    moved = robot.joint_states(q, v, a)
+    # `block` is a view of the memory that every call fills, and exists after the first call.
     pin.computeJointTorqueRegressor(model, data, *np.zeros((3, N)))
-    # Pinocchio's matrix is column-major: its transposed view is copied as one block.
-    flat = data.jointTorqueRegressor.T.reshape(-1)
-    stacked, compute = np.empty((len(q), 10 * N * N)), pin.computeJointTorqueRegressor
-    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+    # Pinocchio's matrix is column-major: its transposed view is copied as one block of bytes, which
+    # takes half the time of an assignment to a row.
+    block, stacked = data.jointTorqueRegressor.T.reshape(-1).data, np.empty((len(q), 10 * N * N))
+    block, target = block.cast("B"), stacked.reshape(-1).view(np.uint8).data
+    size, compute = len(block), pin.computeJointTorqueRegressor
+    places = range(0, len(target), size)
+    for place, q_t, v_t, a_t in zip(places, *robot.model_states(*moved), strict=True):
         compute(model, data, q_t, v_t, a_t)
-        stacked[t] = flat
+        target[place : place + size] = block
     # (T, 10N N) -> (T, 10N, N) as Pinocchio's columns lie in memory -> (T, N, 10N).
     Y = stacked.reshape(-1, 10 * N, N).swapaxes(1, 2)
     order = robot.model_order

@@ -63,9 +63,13 @@ _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 
 def drive_parameters(
     robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
-) -> tuple[Array, list[tuple[str, str, str]]]:
-    """Return the drives' load-side columns (T, rows, columns), and (joint, parameter, unit)."""
-    blocks, drives = [], []
+) -> tuple[Callable[..., Array], list[tuple[str, str, str]]]:
+    """Return the drives' load-side columns (T, rows, columns), and (joint, parameter, unit).
+
+    They are returned by a function of the places of the columns wanted, and of samples (a slice).
+    Most drives move one joint, so that most of the columns is zero, and is never in memory.
+    """
+    placed, drives = list[tuple[Array, int, Array]](), list[tuple[str, str, str]]()
     known = list(map(robot.index, rows))
     for joint in robot.joint_names:
         index, drive = robot.index(joint), robot.drives[joint]
@@ -83,19 +87,26 @@ def drive_parameters(
             # Parallel spring and joint friction act at the joint itself.
             if regressor is not motor_regressor(robot, joint):
                 by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
-            blocks.append(_in_rows(factor * regressor.evaluate(by_name)[1], share[known]))
+            placed.append((share[known], len(drives), factor * regressor.evaluate(by_name)[1]))
             units = zip(regressor.names, regressor.units, strict=True)
             drives += [(joint, str(name), unit) for name, unit in units]
-    length = len(next(iter(signals_of(0).values())))
-    return np.concatenate([*blocks, np.empty((length, len(rows), 0))], axis=2), drives
+    like = np.empty((len(signals_of(0)["theta_L"]), len(rows), 0))
+    return partial(_table, placed, like), drives
 
 
-def _in_rows(columns: Array, shares: Array) -> Array:
-    """Return columns (T, c) times their shares in rows, (T, rows, c), most of which are zero."""
-    placed = np.zeros((len(columns), len(shares), columns.shape[1]))
-    for row in np.flatnonzero(shares).tolist():
-        placed[:, row] = shares[row] * columns
-    return placed
+_Placed = Sequence[tuple[Array, int, Array]]
+"""The shares (rows,) of drives in the rows, the place of their first column, and columns (T, c)."""
+
+
+def _table(placed: _Placed, like: Array, chosen: Sequence[int], part: slice = slice(None)) -> Array:
+    """Return chosen columns (S, rows, chosen) at some samples; `like` is (T, rows, 0)."""
+    table = np.zeros((*like[part].shape[:2], len(chosen)))
+    for shares, first, columns in placed:
+        for row in np.flatnonzero(shares).tolist():
+            for place, values in enumerate(columns.T, first):
+                if place in chosen:
+                    table[:, row, chosen.index(place)] = shares[row] * values[part]
+    return table
 
 
 def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
@@ -169,20 +180,47 @@ class LoadColumns:
     """The load side (8) at T samples of a motion, in r rows: torque = payload + H theta.
 
     `torque` (T, r) is that on the load, with the derivatives `propagated` (T, r, s) by parameters
-    that were estimated before; `payload` (T, r) is that of known bodies; `H` is (T, r, m).
+    that were estimated before. `columns` returns the columns (S, r, m + q) of some samples: those
+    of all samples take more memory than all else together. The first m make up `H` (T, r, m), the
+    others are of parameters whose values are `known` (q,), whose torque is the `payload` (T, r).
     """
 
     torque: Array
-    payload: Array
-    H: Array
     propagated: Array
+    columns: Callable[[slice], Array]
+    known: Array
 
-    def residual(self, theta: Array) -> Array:
-        """Return the torque (T, r) that parameters (m,) do not explain."""
-        return np.asarray(self.torque - self.payload - self.H @ theta)
+    @property
+    def payload(self) -> Array:
+        """The torque (T, r) of known bodies."""
+        return self._whole[0]
+
+    @property
+    def H(self) -> Array:
+        """The columns (T, r, m) of all parameters."""
+        return self._whole[1]
+
+    @cached_property
+    def _whole(self) -> tuple[Array, Array]:
+        return self._sides(self.columns(slice(None)))
+
+    def _sides(self, columns: Array) -> tuple[Array, Array]:
+        """Return payload (S, r) and H (S, r, m) of columns (S, r, m + q)."""
+        H, others = np.split(columns, [columns.shape[2] - len(self.known)], axis=2)
+        return others @ self.known, H
+
+    def in_band(self, motion: Motion, known: Array, rows: IndexArray) -> tuple[Array, Array, Array]:
+        """Return torque - payload, `H` and `propagated` of filtered equations at S samples.
+
+        Their friction is `known` (T, r).
+        """
+        columns = in_band_at(motion, lambda x: where_known(known[x], self.columns(x)), rows)
+        payload, H = self._sides(columns)
+        y = in_band_at(motion, where_known(known, self.torque.copy()), rows) - payload
+        return y, H, in_band_at(motion, where_known(known, self.propagated), rows)
 
 
-_BLOCK = 512
+_BLOCK = 128
 """Samples whose regressors of all parameters stay in the processor's cache."""
 
 
@@ -202,27 +240,31 @@ class LoadSide:
     def columns(
         self, motion: Motion, model: LoadModel, springs: Springs, further: Array | None = None
     ) -> LoadColumns:
-        """Return the `load_columns`.
+        """Return the columns of the load side.
 
         `further` (T, rows, k) are columns of `torque_changes`, which follow those of the springs.
         """
-        robot, p = self.robot, len(model.base.columns)
-        known = [robot.index(joint) for joint in model.torque_joints]
-        torque, propagated = load_targets(robot, motion, model.torque_joints, springs)
-        payload, H = np.zeros_like(torque), np.empty((*torque.shape, p + len(model.drives)))
-        if model.drives:
-            H[:, :, p:] = drive_columns(robot, motion, model)
+        robot, joints, p = self.robot, model.torque_joints, len(model.base.columns)
+        torque, propagated = load_targets(robot, motion, joints, springs)
+        drives, others = drive_columns(robot, motion, model), np.flatnonzero(robot.known_parameters)
+        parameters = np.array([*model.base.columns, *others], dtype=np.intp)
         # (k, p) places in a flat sample: ten parameters of each body, and n joints per parameter.
-        places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
+        places = np.add.outer([*map(robot.index, joints)], robot.n * parameters)
         samples = min(_BLOCK, samples_of_block(robot))
-        for start in range(0, len(H), samples):
-            block = slice(start, start + samples)
-            Y = regressor_at_drives(robot, *(state[block] for state in motion.joint_states))
-            flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of Y
-            H[block, :, :p] = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
-            if np.any(robot.known_parameters):
-                payload[block] = (Y @ robot.known_parameters)[:, known]
-        return LoadColumns(torque, payload, H, joined(propagated, further))
+
+        def columns(part: slice) -> Array:
+            states = [state[part] for state in motion.joint_states]
+            bodies = np.empty((len(states[0]), *places.shape))
+            for start in range(0, len(bodies), samples):
+                block = slice(start, start + samples)
+                Y = regressor_at_drives(robot, *(state[block] for state in states))
+                flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of Y
+                # With another `mode` NumPy fills a copy of the target.
+                flat.take(places, axis=1, out=bodies[block], mode="clip")
+            return np.concatenate([bodies[:, :, :p], drives(part), bodies[:, :, p:]], axis=2)
+
+        propagated = joined(propagated, further)
+        return LoadColumns(torque, propagated, columns, robot.known_parameters[others])
 
     def torques(
         self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
@@ -322,8 +364,8 @@ def _random_rows(
     parts, drives = [], list[tuple[str, str, str]]()
     for (q, v, a), Y, reduced in equations.random_rows(known, stances, measured):
         signals_of = partial(stiff_signals, robot, q=q, v=v, a=a)
-        columns, drives = drive_parameters(robot, joints, signals_of)
-        columns = equations.with_all_rows(columns)
+        of_drives, drives = drive_parameters(robot, joints, signals_of)
+        columns = equations.with_all_rows(of_drives(range(len(drives))))
         rows = reduced(np.concatenate([base.reduce(Y), columns], axis=2))
         # not reshape(-1, ...): where all bodies are known there may be no column
         parts.append(rows.reshape(rows.shape[0] * rows.shape[1], rows.shape[2]))
@@ -351,11 +393,6 @@ def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]
     is_linear = ~np.isin(np.arange(H.shape[1]), nonlinear)
     selected, grouping, _ = left_to_right(H, negligible(H, is_linear) | ~is_linear)
     return with_independent(selected, grouping, nonlinear)
-
-
-def load_columns(robot: Robot, motion: Motion, model: LoadModel, springs: Springs) -> LoadColumns:
-    """Return the columns of the load side along a motion."""
-    return load_side(robot).columns(motion, model, springs)
 
 
 def joined(columns: Array, further: Array | None) -> Array:
@@ -401,14 +438,17 @@ def drive_torques(
     Drive parameters that are identifiable only with base parameters belong to the bodies here.
     """
     torque, _ = load_targets(robot, motion, model.torque_joints, springs)
-    return torque - drive_columns(robot, motion, model) @ theta[len(model.expressions) :]
+    return torque - drive_columns(robot, motion, model)() @ theta[len(model.expressions) :]
 
 
-def drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Array:
-    """Return the columns (T, rows, p_d) of the drive parameters of a model."""
+def drive_columns(robot: Robot, motion: Motion, model: LoadModel) -> Callable[..., Array]:
+    """Return a function from samples (a slice) to the columns (S, rows, p_d) of a model's drives.
+
+    Without an argument they are those of all samples.
+    """
     signals_of = partial(load_signals, robot, motion)
     columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
-    return columns[:, :, [drives.index(drive) for drive in model.drives]]
+    return partial(columns, [drives.index(drive) for drive in model.drives])
 
 
 def load_regression(
@@ -449,10 +489,7 @@ def load_rows(
     rows, joints = row_samples(motion), model.torque_joints
     # a combination of equations that are all valid, whatever friction does at rest
     known = known_frictions(robot, motion, joints)
-    y, H, propagated = (
-        in_band_at(motion, where_known(known, part), rows)
-        for part in (columns.torque - columns.payload, columns.H, columns.propagated)
-    )
+    y, H, propagated = columns.in_band(motion, known, rows)
     usable, side = usable_rows(robot, motion, joints, rows, known), load_side(robot)
     indices: Joints = [robot.index(joint) for joint in joints]
     names, indices, usable = side.with_all_equations(motion, rows, indices, usable)
@@ -482,7 +519,7 @@ def with_gear_torque(
     check_held(robot, "load-dependent friction", IdentificationError)
     # Friction under load needs a gear torque, but is not among the columns behind the gear.
     unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
-    columns = load_columns(robot, unloaded, model, springs)
+    columns = load_side(robot).columns(unloaded, model, springs)
     drives = [
         place
         for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))
@@ -512,11 +549,10 @@ def known_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> Arra
 def where_known(known: Array, columns: Array) -> Array:
     """Make columns (T, k, ...) of equations zero where their friction is not `known` (T, k).
 
-    They are changed in place, since they are large and at few samples unknown; and returned.
+    They are changed in place, since they are large; and returned.
     """
-    rows = np.flatnonzero(np.any(known != 1, axis=1))
-    if len(rows):
-        columns[rows] *= known[rows].reshape(len(rows), -1, *(1,) * (columns.ndim - 2))
+    if np.any(known != 1):
+        columns *= known.reshape(*known.shape, *(1,) * (columns.ndim - 2))
     return columns
 
 

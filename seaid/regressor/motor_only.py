@@ -45,10 +45,8 @@ the fourth derivatives have errors of 1e-8."""
 
 def is_motor_only(drive: Drive, sensors: frozenset[str]) -> bool:
     """Return whether an elastic joint has motor angle and motor torque, and nothing behind."""
-    behind = {"joint_position", "deflection", "joint_torque"}
-    return (
-        drive.is_elastic and {"motor_position", "motor_torque"} <= sensors and not behind & sensors
-    )
+    behind = {"joint_position", "deflection", "joint_torque"} & sensors
+    return drive.is_elastic and {"motor_position", "motor_torque"} <= sensors and not behind
 
 
 def base_by_derivatives(

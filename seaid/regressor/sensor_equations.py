@@ -56,13 +56,12 @@ _DETERMINED = 1e-9
 
 def known_positions(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> KnownPositions:
     """Return which positions are in the row space of the encoders' and stiff drives' equations."""
-    n = robot.n
-    drives = [robot.drives[joint] for joint in robot.joint_names]
+    radii = [[robot.drives[joint].load_radius] for joint in robot.joint_names]
     # Coordinates: the motor angles r_M/N theta_M, in the joints' unit, then the joint positions.
-    motors, joints = np.split(np.eye(2 * n), 2)
+    motors, joints = np.split(np.eye(2 * robot.n), 2)
     driven = robot.transmission @ joints
     # (3): r_M/N theta_M - r_L theta_L.
-    stretches = motors - np.array([[drive.load_radius] for drive in drives]) * driven
+    stretches = motors - np.array(radii) * driven
     encoders = ("motor_position", "joint_position", "deflection")
     seen = np.array([[name in sensors[joint] for joint in robot.joint_names] for name in encoders])
     seen[2] |= ~np.isin(robot.joint_names, robot.elastic_joints)  # zero for a stiff drive
@@ -257,22 +256,13 @@ def equations_of(
 def _drive_equations(
     i: int, terms: DriveTerms, sensors: frozenset[str], seen: KnownPositions
 ) -> Iterator[Equation]:
-    unity = fmpq(1)
-    yield Equation(
-        "motor",
-        i,
-        ((i, unity, terms.motor),),
-        {("motor", i): -unity, ("load", i): terms.share},
-        _missing(terms.motor, i, sensors, seen),
-    )
+    unity, missing = fmpq(1), _missing(terms.motor, i, sensors, seen)
+    torques = {("motor", i): -unity, ("load", i): terms.share}
+    yield Equation("motor", i, ((i, unity, terms.motor),), torques, missing)
     if terms.spring is not None:
-        yield Equation(
-            "spring",
-            i,
-            ((i, unity, terms.spring),),
-            {("load", i): -1 / exact_number(terms.drive.load_radius)},
-            _missing(terms.spring, i, sensors, seen),
-        )
+        torques = {("load", i): -1 / exact_number(terms.drive.load_radius)}
+        missing = _missing(terms.spring, i, sensors, seen)
+        yield Equation("spring", i, ((i, unity, terms.spring),), torques, missing)
     for sensor, expression in terms.inputs.items():
         missing = _missing(expression, i, sensors, seen)
         if sensor not in sensors:
@@ -309,14 +299,12 @@ def _missing(
     """Return the quantities in an expression that the sensors do not determine."""
     symbols = {symbol.name for symbol in expression.free_symbols}
     names = {name.removesuffix("_ddot").removesuffix("_dot") for name in symbols}
+    is_felt = bool(sensors & {*INPUTS, "joint_torque"})
     needs = {
         "theta_M": ("the motor's position is not known", seen.motor[i]),
         "theta_L": ("the joint's position is not known", seen.driven[i]),
         "deflection": ("the spring's deflection is not known", seen.stretch[i]),
-        "tau_G": (
-            "its friction needs the torque through the gear",
-            bool(sensors & {*INPUTS, "joint_torque"}),
-        ),
+        "tau_G": ("its friction needs the torque through the gear", is_felt),
     }
     return tuple(text for name, (text, is_known) in needs.items() if name in names and not is_known)
 

@@ -171,7 +171,7 @@ def _stiff_sides(result: Identification, motion: Motion) -> dict[str, tuple[Arra
     torque, payload, made = side.torques(motion, model, result.springs, theta[:, None])
     # The rows of the joints are the last ones, behind those of a floating base.
     residual = (torque - payload - made[:, :, 0])[:, -len(rows) :]
-    columns, values = drive_columns(result.known, motion, model), theta[len(model.expressions) :]
+    columns, values = drive_columns(result.known, motion, model)(), theta[len(model.expressions) :]
     sides = {}
     for row, (joint, places) in enumerate(rows.items()):
         if places:

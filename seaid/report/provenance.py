@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table, readable
 from seaid.errors import listed
-from seaid.log import has_holes
-from seaid.report.text import exact_text, method_text
+from seaid.report.text import exact_text, has_holes, method_text
 from seaid.robot import Robot
 
 if TYPE_CHECKING:

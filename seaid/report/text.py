@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         TermSelection,
         Validation,
     )
-    from seaid.log import Log
+    from seaid.log import Log, Processing
     from seaid.regressor import BaseParameters, CrossCheck, Identifiability
     from seaid.report.comparison import Comparison
     from seaid.robot import DependentJoint, Robot
@@ -282,10 +282,15 @@ def setup_table(found: SetupCheck) -> str:
     return "\n".join([*_tables_if_any(made), *warning_lines(found.warnings), *nothing])
 
 
+def has_holes(processing: Sequence[Processing]) -> bool:
+    """Return whether a log has holes in time, so that its stretches were processed separately."""
+    from seaid.log.usable_parts import HOLES
+
+    return any(repair.kind == HOLES for entry in processing for repair in entry.repairs)
+
+
 def _processing_text(identification: Identification) -> list[str]:
     """Return one line on the processing of the first log and the number of logs."""
-    from seaid.log import has_holes
-
     others = len(identification.processing) - 1
     kind = "stretches" if has_holes(identification.processing) else "logs"
     more = f" (first of {others + 1} {kind})" if others > 0 else ""

@@ -210,7 +210,7 @@ class Robot(Display):
 
     def to_model(self, states: Array, order: int = 0) -> Array:
         """Return positions (..., n), or time derivatives of an `order`, as the model has them."""
-        return np.ascontiguousarray(self.expand(states, order)[..., list(self.model_order)])
+        return np.ascontiguousarray(self.expand(states, order).take(self.model_order, axis=-1))
 
     def model_states(self, *states: Array) -> list[Array]:
         """Return q, q', q'' (..., n), or the first of them, as the model has them."""

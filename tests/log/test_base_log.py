@@ -15,8 +15,9 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import LogError
+from seaid.legged.base import base_jumps
 from seaid.log import BaseLog, reconstruct_motion
-from seaid.log.base_log import BaseMotion, _without_jumps, base_jumps, continuous, moving_base
+from seaid.log.base_log import BaseMotion, _without_jumps, continuous, moving_base
 from seaid.robot import Contact, Robot
 from seaid.robot.pinocchio_model import floating_model
 from tests import plants

@@ -65,7 +65,8 @@ def test_values_at_rows_are_those_of_all_samples(samples: np.ndarray, cutoff_hz:
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(4000, 3, 4)).cumsum(axis=0)
     columns[:, 1] = 0.0
-    motion = cast(Motion, SimpleNamespace(rate_hz=RATE_HZ, cutoff_hz=cutoff_hz))
+    bands = {"rate_hz": RATE_HZ, "cutoff_hz": cutoff_hz}
+    motion = cast(Motion, SimpleNamespace(time=np.arange(4000) / RATE_HZ, **bands))
     every, some = in_band(motion, columns), in_band_at(motion, columns, samples)
     # One period of the cutoff from the ends, where there are no rows, transients are below 1e-6.
     np.testing.assert_allclose(some, every[samples], rtol=0, atol=1e-6 * float(np.std(columns)))
@@ -74,6 +75,25 @@ def test_values_at_rows_are_those_of_all_samples(samples: np.ndarray, cutoff_hz:
     np.testing.assert_allclose(some[inside], every[samples[inside]], rtol=0, atol=1e-8)
     single = in_band_at(motion, columns[:, 0, 0], samples)
     np.testing.assert_allclose(single, some[:, 0, 0], rtol=0, atol=1e-10)
+
+
+def test_many_columns_are_never_in_memory_at_all_samples() -> None:
+    columns = np.random.default_rng(0).normal(size=(4000, 3, 15)).cumsum(axis=0)
+    bands = {"rate_hz": RATE_HZ, "cutoff_hz": 10.0}
+    motion = cast(Motion, SimpleNamespace(time=np.arange(4000) / RATE_HZ, **bands))
+    sizes, samples = list[int](), np.arange(130, 3900, 25)
+
+    def of_samples(part: slice) -> np.ndarray:
+        sizes.append(len(columns[part]))
+        return columns[part]
+
+    by_parts = in_band_at(motion, of_samples, samples)
+    few = [in_band_at(motion, columns[:, :, [x]], samples) for x in range(15)]
+    assert max(sizes) < 2500
+    np.testing.assert_allclose(by_parts, np.concatenate(few, axis=2), rtol=0, atol=1e-9)
+    margin = (samples > 300) & (samples < 3700)
+    every = in_band(motion, columns)[samples[margin]]
+    np.testing.assert_allclose(by_parts[margin], every, rtol=0, atol=1e-8)
 
 
 @given(seed=st.integers(0, 1000), cutoff_hz=st.floats(1.0, 100.0))

@@ -13,7 +13,7 @@ from seaid.excitation.criteria import pivoted_base
 from seaid.legged import load_robot
 from seaid.regressor import base_parameters, cross_check, joint_torques, rigid_body_regressor
 from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
-from seaid.regressor.load import load_columns, load_model
+from seaid.regressor.load import load_model, load_side
 from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
 from tests.experiments import MODELS, motion_of
@@ -166,7 +166,7 @@ def test_many_samples_come_in_blocks(tulip_leg: Robot, monkeypatch: pytest.Monke
     robots = tulip_leg, tulip_leg.with_drives(tulip_leg.drives)  # what is kept of one is not its
     whole = [base_parameters(robots[0], x, torque_joints=PITCHES) for x in (None, motion)]
     model = load_model(robots[0], base_parameters(robots[0], torque_joints=PITCHES), PITCHES)
-    columns = load_columns(robots[0], motion, model, {}).H
+    columns = load_side(robots[0]).columns(motion, model, {}).H
     sizes, compute = list[int](), rigid_body_regressor
     monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 1e5)
 
@@ -176,7 +176,7 @@ def test_many_samples_come_in_blocks(tulip_leg: Robot, monkeypatch: pytest.Monke
 
     monkeypatch.setattr("seaid.regressor.base.rigid_body_regressor", counted)
     blocks = [base_parameters(robots[1], x, torque_joints=PITCHES) for x in (None, motion)]
-    assert np.array_equal(load_columns(robots[1], motion, model, {}).H, columns)
+    assert np.array_equal(load_side(robots[1]).columns(motion, model, {}).H, columns)
     assert max(sizes) == 6
     assert len(sizes) > 40
     for at_once, in_blocks in zip(whole, blocks, strict=True):

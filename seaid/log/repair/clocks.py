@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.log.channels import refusal
@@ -260,7 +260,7 @@ def median_slope(x: Array, y: Array) -> tuple[float, float, float]:
     # Kendall's score has n (n - 1) (2 n + 5) / 18 as its variance, less the same of all that tie.
     counts = [np.array([len(x)]), *(np.unique(each, return_counts=True)[1] for each in (x, y))]
     every, *ties = (float(np.sum(n * (n - 1) * (2 * n + 5))) for n in counts)
-    spread = float(ndtri(0.975)) * np.sqrt(max(every - sum(ties), 0.0) / 18)
+    spread = float(scipy.special.ndtri(0.975)) * np.sqrt(max(every - sum(ties), 0.0) / 18)
     low, high = round((len(slopes) - spread) / 2) - 1, round((len(slopes) + spread) / 2)
     interval = slopes[[max(low, 0), min(high, len(slopes) - 1)]].tolist()
     return float(np.median(slopes)), interval[0], interval[1]
