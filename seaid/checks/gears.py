@@ -25,7 +25,6 @@ from seaid.checks.codes import CODES
 from seaid.checks.engine import Acceptance
 from seaid.checks.experiment import (
     MOST_STEPS,
-    STEP,
     Experiment,
     Transform,
     best_factors,
@@ -49,7 +48,6 @@ from seaid.log.motion import POSITION_BAND
 from seaid.log.repair.channels import saturated
 from seaid.regressor.base import regressor_at_drives
 from seaid.regressor.regression import INPUT_FIELDS
-from seaid.robot.transmission import group_of
 
 # In a fit, as columns next to its equations
 
@@ -180,23 +178,10 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         for factor, error, penalty in _other_ratios(experiment, j, slope):
             value, std = ratio * factor, ratio * factor * error
             if value <= tol.LARGEST_RATIO[is_linear]:
-                finding = _other_ratio("other", joint, ratio, value, std, key)
+                evidence = {"given ratio": ratio, "ratio": value, "standard error": std}
+                lines = codes.in_drives({(joint,): f"{key} = {value:.6g}\n{key}_std = {std:.2g}"})
+                finding = CODES["gear-ratio"].finding("other", joint, evidence, lines)
                 yield Transform(finding, _with_ratio(j, experiment, math.log(factor)), penalty)
-
-
-def _other_ratio(
-    case: str,
-    joint: str,
-    given: float,
-    ratio: float,
-    std: float,
-    key: str = "gear_ratio",
-    **more: float,
-) -> Finding:
-    """Return the finding of a gear ratio that is not the given one, with its standard error."""
-    evidence = {"given ratio": given, "ratio": ratio, "standard error": std, **more}
-    lines = codes.in_drives({(joint,): f"{key} = {ratio:.6g}\n{key}_std = {std:.2g}"})
-    return CODES["gear-ratio"].finding(case, joint, evidence, lines)
 
 
 def missing_ratios(experiment: Experiment) -> Iterator[Finding]:
@@ -854,47 +839,6 @@ def zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """
     turned = side.slopes[:, [side.robot.index(joint)]]
     yield engine.linear_candidate(joint, "offset", "joint_position", turned)
-
-
-def is_motor_alone(side: Side, joint: str) -> bool:
-    """Whether a stiff gear that turns one joint has the encoder of its motor, and no other one."""
-    is_alone = len(group_of(side.robot.transmission, side.robot.index(joint))) == 1
-    positions = {"motor_position", "joint_position"} & {*side.sources.get(joint, {})}
-    return is_alone and not side.robot.drives[joint].is_elastic and positions == {"motor_position"}
-
-
-def ratios(side: Side, joint: str) -> Iterator[engine.Candidate]:
-    """Yield what torques have more if the ratio of a gear, behind the encoder, is another one.
-
-    With a ratio of 1 / (1 + s) times the given one the joint moves (1 + s) times as far, and its
-    torque is as much smaller: y has s (d tau / d s + tau) more. The coefficient is s.
-    """
-    robot, index, rows = side.robot, side.robot.index(joint), side.equation.rows
-    factors = [1 + s * (np.arange(robot.n) == index) for s in (STEP, -STEP)]
-
-    def slopes(*states: Array) -> Array:
-        ahead, behind = (regressor_at_drives(robot, *(x * y for x in states)) for y in factors)
-        return (ahead - behind) @ side.bodies[:, None] / (2 * STEP)
-
-    torque = (rows.joint == index) * (rows.H @ side.equation.values)
-    columns = side.filtered(slopes) + torque[:, None]
-    yield engine.linear_candidate(joint, "gear", "ratio", columns)
-
-
-def ratio_is_other(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
-    """Return the finding of a gear ratio by the torques, whatever the bodies are.
-
-    Beyond a part of it effects are not linear, and the transforms of a set-up look for it. What is
-    left to first order counts as an error.
-    """
-    (s,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
-    if not max(tol.SIGNIFICANT * error, tol.FEW) < abs(s) < tol.SEVERE:
-        return None
-    given = side.robot.drives[joint].ratio
-    ratio, std = given / (1 + s), abs(given) * math.hypot(error, s**2)
-    is_off = share > tol.MATTERS and abs(s) > tol.SLIGHT
-    finding = _other_ratio("motion", joint, given, ratio, std, explained=share, times=1 + s)
-    return replace(finding, severity="doubtful" if is_off else "note")
 
 
 def _searched_zero(side: Side, joint: str, start: float) -> tuple[float, float]:

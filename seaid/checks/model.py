@@ -139,7 +139,6 @@ _COMMAND = SideNeed(
     lambda *of: gears.torque_channel(*of) in {"motor_torque", "motor_current"},
 )
 _BOTH_ENCODERS = SideNeed("encoders on both sides", lambda side, x: side.has_both_encoders(x))
-_MOTOR_ALONE = SideNeed("a stiff gear with the encoder of its motor alone", gears.is_motor_alone)
 _TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.robot.index(j)])
 # an offset moves the commands as well: `commands` looks at it
 _NO_CONTROLLERS = SideNeed("no controllers", lambda side, _: not side.robot.has_controllers)
@@ -160,12 +159,6 @@ GEAR_CHECKS = (
         (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, columns.MOTION),
         gears.zeros,
         gears.zero_is_off,
-    ),
-    ColumnCheck(
-        CODES["gear-ratio"],
-        (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, _MOTOR_ALONE),
-        gears.ratios,
-        gears.ratio_is_other,
     ),
 )
 """The checks of a gear and its sensors, in the order in which their findings are listed."""

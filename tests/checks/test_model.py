@@ -18,7 +18,7 @@ from seaid._arrays import Array, FrozenMapping
 from seaid.checks import CODES, gears
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import Accepted, Alternative, Candidate, Equation, ModelComparison, Trial
-from seaid.checks.experiment import at_point, moved
+from seaid.checks.experiment import moved
 from seaid.checks.values import drive_findings
 from seaid.drives import drive_table
 from seaid.drives.drives import DefaultTerms
@@ -37,7 +37,6 @@ from tests.experiments import (
     arm,
     arm_log,
     arm_motion,
-    geared_arm_log,
     leg,
     leg_log,
     leg_motion,
@@ -591,35 +590,6 @@ def test_known_bodies_leave_open_whether_a_zero_or_their_centre_is_off() -> None
     (finding,) = (finding for finding in findings if finding.code == "encoder-offset")
     assert finding.severity == "note"
     assert "or centres of known bodies are off as much" in finding.message
-
-
-@pytest.mark.parametrize("factor", [1.0, 1.3])
-def test_a_known_body_with_another_mass_is_named(factor: float) -> None:
-    robot = leg(TEST_MASS)
-    bodies = robot.parameters.reshape(-1, 10).copy()
-    shank = robot.body_names.index("shank")
-    mass, moments = bodies[shank, 0], bodies[shank, 1:4]
-    bodies[shank] += (factor - 1) * at_point(mass, moments / mass)
-    robot = robot.with_values(bodies.ravel(), robot.drives)
-    found = identify(replace(robot, known_bodies=("shank", "foot")), leg_log(3))
-    named = [x for x in found.warnings if x.code == "nominal-values"]
-    assert [(x.joint, x.severity) for x in named] == [("knee_pitch", "doubtful")] * (factor > 1)
-    assert all("shank: its mass is 0.7" in x.message for x in named)
-
-
-@pytest.mark.parametrize("ratio", [1.0, 1.1])
-def test_a_gear_ratio_behind_a_single_encoder_is_named_whatever_the_bodies_are(
-    ratio: float,
-) -> None:
-    """The joint moves by another factor, and so does its torque: bodies do not explain both."""
-    truth, log = true_geared_arm(), geared_arm_log()
-    unknown = np.full_like(log.motor_position, np.nan)
-    log = replace(log, motor_position=log.joint_position, joint_position=unknown)
-    joint = truth.joint_names[2]
-    robot = truth.with_drives({joint: replace(truth.drives[joint], gear_ratio=ratio)})
-    found = identify(robot.without_nominal(), log)
-    named = {x.joint: x.evidence["ratio"] for x in found.warnings if x.code == "gear-ratio"}
-    assert named == ({joint: pytest.approx(1.0, abs=0.02)} if ratio > 1 else {})
 
 
 def test_logs_of_two_set_ups_are_named_and_conditions_repair_it() -> None:
