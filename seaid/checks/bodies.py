@@ -18,7 +18,6 @@ from seaid.checks.codes import CODES, Cause, moved_zeros, only_joint, undecided,
 from seaid.checks.experiment import (
     Experiment,
     Transform,
-    at_point,
     best_factors,
     best_value,
     best_values,
@@ -286,7 +285,9 @@ def _point_mass(
         return float(mass) if mass else math.exp(min(float(x[3]), 50.0))
 
     def point(x: Array) -> Array:
-        return at_point(mass_at(x), x[:3])
+        m, c = mass_at(x), x[:3]
+        # The integral of the slopes from the joint to c: they are linear, so that half way counts.
+        return np.append(m, (moved(m, 0.5 * m * c) @ c)[1:])
 
     least = max(abs(bodies[10 * body]), 0.1)
     centre = bodies[10 * body + 1 : 10 * body + 4] / least

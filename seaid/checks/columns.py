@@ -18,7 +18,7 @@ from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
 from seaid.checks.codes import CODES, EXPLAINED, Sources, in_drives, only_joint
 from seaid.checks.engine import Acceptance, Check, ColumnCheck, Need
-from seaid.checks.experiment import at_point, moved, sources_of
+from seaid.checks.experiment import sources_of
 from seaid.checks.terms import (
     DriveRows,
     actuator_drive,
@@ -30,8 +30,6 @@ from seaid.checks.terms import (
     with_term,
 )
 from seaid.checks.tolerances import (
-    BODY,
-    CENTRE_M,
     FEW,
     LEAST_RANGE_K,
     LEAST_SWING,
@@ -488,54 +486,6 @@ def _contradicting(side: Side, joint: str) -> list[str]:
     factors, errors = equation.last(columns.shape[1])
     apart = np.abs(factors - factors[-1]) > SURE * np.hypot(errors, errors[-1])
     return [name for name, is_apart in zip(alike, apart, strict=False) if is_apart]
-
-
-def known_bodies(side: Side, joint: str) -> Iterator[engine.Candidate]:
-    """Yield what torques have more if a known body of a joint has other parameters than given.
-
-    The coefficients are relative changes of its mass and of its inertia about its centre, and the
-    shift of the centre [m].
-    """
-    robot, standard = side.robot, side.robot.parameters.reshape(-1, 10)
-    for body, link in enumerate(robot.body_names):
-        if link not in robot.known_bodies or robot.joint_of(body) != joint or not standard[body, 0]:
-            continue
-        own, (mass, *moments) = slice(10 * body, 10 * body + 10), standard[body, :4].tolist()
-        columns = side.filtered(lambda *x, own=own: regressor_at_drives(robot, *x)[..., own])
-        point = at_point(mass, np.array(moments) / mass)
-        changes = {"mass": point, "inertia": standard[body] - point}
-        changes["centre of mass"] = moved(mass, np.array(moments))
-        for what, change in changes.items():
-            H = columns @ change.reshape(10, -1)
-            yield engine.linear_candidate(joint, what, link, H[:, np.any(H != 0, axis=0)])
-
-
-def known_body_differs(
-    side: Side, joint: str, accepted: Acceptance, share: float
-) -> Finding | None:
-    """Return the finding of known bodies that the torques contradict.
-
-    A mass or an inertia below zero is none: something else looks like it.
-    """
-    off, is_beyond = list[str](), False
-    for x in accepted:
-        what, link = x.trial.candidate.field, x.trial.candidate.term
-        size, error = float(np.linalg.norm(x.coefficients)), float(np.linalg.norm(x.errors))
-        text = f"its {what} is {1e3 * size:.3g} +- {1e3 * error:.2g} mm off"
-        if what != "centre of mass":
-            times = 1 + float(x.coefficients[0])
-            if times <= 0:
-                return None
-            text = f"its {what} is {times:.3g} +- {error:.2g} times that of the robot file"
-        # Known bodies are wrong by a tenth of what others are (`Experiment.widths`).
-        width = POOR * (CENTRE_M if what == "centre of mass" else BODY)
-        is_beyond |= size > width + SURE * error
-        off.append(f"of {link}: {text}")
-    words = {"off": listed(off), "explained part": f"{share:.0%}"}
-    evidence = {EXPLAINED: share, **words}
-    return CODES["nominal-values"].finding(
-        "known", joint, evidence, is_worse=is_beyond and share > MATTERS
-    )
 
 
 MOTOR_SIDE = SideNeed("the motor equation of a spring", lambda side, _: side.is_motor)

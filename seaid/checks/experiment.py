@@ -74,12 +74,6 @@ def moved(mass: float, moments: Array) -> Array:
     return np.vstack([np.zeros(3), mass * np.eye(3), inertias.T])
 
 
-def at_point(mass: float, centre: Array) -> Array:
-    """Return the standard parameters (10,) of a point mass m at c: [m, m c, m (c^2 1 - c c^T)]."""
-    # The integral of the slopes from the joint to c: they are linear, so that half way counts.
-    return np.append(mass, (moved(mass, 0.5 * mass * centre) @ centre)[1:])
-
-
 @dataclass(frozen=True, eq=False)
 class TorqueScale:
     """The torque of a joint as a multiple of that of the bodies, next to any friction and rotor.

@@ -166,12 +166,6 @@ GEAR_CHECKS = (
 
 COLUMN_CHECKS = (
     *(*DRIVE_CHECKS, *GEAR_CHECKS),
-    ColumnCheck(
-        CODES["nominal-values"],
-        (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS),
-        columns.known_bodies,
-        columns.known_body_differs,
-    ),
     ColumnCheck(CODES["logs-differ"], (), _other_set_ups, _is_another_set_up),
 )
 """The checks of an equation, in the order in which their findings are listed."""
