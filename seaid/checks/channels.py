@@ -17,10 +17,10 @@ from seaid._files import toml_key
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Channel, channels_of, in_description, in_drives
 from seaid.checks.engine import Check, looks_for
-from seaid.checks.experiment import MOST_STEPS, Experiment, stands_locked, with_constant
+from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, listed
-from seaid.estimation.qr_factor import deleted_residual, residual_of, scaled_svd
+from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
 from seaid.log.channels import UNIT_FACTORS
 from seaid.log.description import as_toml, changed_source
@@ -28,7 +28,6 @@ from seaid.log.repair.channels import held_over, saturated, wrap_period
 from seaid.log.usable_parts import REST
 from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot
-from seaid.robot.transmission import at_drives
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,57 +275,6 @@ def _gear(log: Log, joint: str) -> tuple[float, bool] | None:
     return abs(ratio), apart <= tol.NEGLIGIBLE
 
 
-def _plays(logged: Logged) -> Iterator[Finding]:
-    """Yield the stiff drives whose encoders are apart by one of two angles, as by backlash.
-
-    Those between the ends of the play pass in a short time. Of an even distribution the two angles
-    explain 3/4, of a sinusoid 0.81, and one slip is no play.
-    """
-    robot, plays = logged.robot, dict[str, tuple[float, float]]()
-    for log in logged.logs:
-        joints = [log.joint_names.index(joint) for joint in robot.joint_names]
-        turned = at_drives(robot.transmission, robot.drive_states(log.joint_position[:, joints])[0])
-        stiff = (j for j, x in enumerate(robot.drives.values()) if not x.is_elastic)
-        for j, joint in ((j, robot.joint_names[j]) for j in stiff):
-            motor = log.motor_position[:, joints[j]] / total_ratio(robot.drives[joint])
-            known = np.isfinite(motor) & np.isfinite(turned[:, j])
-            if np.any(known):
-                angle = turned[known, j]
-                half, explained, changes = _two_levels(motor[known] - angle, angle)
-                if (
-                    explained > 1 - tol.POOR
-                    and half > tol.LEAST_OFFSET / 2
-                    and changes > tol.EVENTS
-                ):
-                    plays.setdefault(joint, (half, explained))
-    for joint, (half, explained) in plays.items():
-        terms = 'type = "series_elastic"\nspring = ["linear", "dead_zone"]'
-        lines = in_drives({(joint,): f"{terms}\ndead_zone_rad = {half:.2g}"})
-        evidence = {"half width": half, "explained": explained}
-        unit = robot.drives[joint].joint_units[1]
-        yield CODES["backlash"].finding("stiff", joint, {**evidence, "unit": unit}, lines)
-
-
-def _two_levels(apart: Array, angle: Array) -> tuple[float, float, int]:
-    """Return half of what two levels of a channel (T,) are apart, next to a slope over an angle.
-
-    It follows the part of the variance that they explain, and how often they change. Samples and
-    levels are assigned to each other in turn, as by 2-means.
-    """
-    columns = with_constant(angle)
-    rest = residual_of(apart, columns)
-    side = np.where(rest > np.mean(np.percentile(rest, [2, 98])), 1.0, -1.0)
-    for _ in range(MOST_STEPS):
-        both = np.column_stack([columns, side])
-        x = scaled_svd(both).solve(apart)
-        left, before = apart - both @ x, side
-        side = np.where(left + x[-1] * side > 0, 1.0, -1.0)
-        if np.array_equal(side, before):
-            break
-    changes = int(np.count_nonzero(np.diff(side)))
-    return float(x[-1]), 1 - float(left @ left) / max(float(rest @ rest), 1e-300), changes
-
-
 def _references(logged: Logged) -> Iterator[Finding]:
     """Yield reference positions outside the motion, where Coulomb friction is extrapolated."""
     for joint, drive in logged.robot.drives.items():
@@ -410,7 +358,6 @@ OF_LOGS = (
     Check(CODES["unit"], (), _whole_numbers),
     Check(CODES["holes"], (), _lost_samples),
     Check(CODES["missing-drives"], (), _missing_drives),
-    Check(CODES["backlash"], (), _plays),
     Check(CODES["reference-position"], (), _references),
     Check(CODES["saturation"], (), _saturated),
     Check(CODES["locked-output"], (), _locked),

@@ -334,29 +334,12 @@ def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     return any(name in positive and value < 0 for name, value in values)
 
 
-def _is_of_ratio(side: Side, found: engine.Accepted) -> bool:
-    """Whether a parallel spring is within what the stated error of a ratio does to a spring.
-
-    The deflection r_M/N theta_M - r_L q of a ratio that is off by a part e has about e r_L q more:
-    next to a stiffness k it is a parallel spring of k r_L^2 e.
-    """
-    joint, field, _ = found.trial.candidate.name
-    drive = side.robot.drives[joint]
-    if field != "parallel_spring" or joint not in side.actuators:
-        return False
-    ratios = ("gear_ratio", "motor_pulley_radius_m", "load_pulley_radius_m")
-    parts = [drive.std[x] / getattr(drive, x) for x in ratios if x in drive.std]
-    stiffness, _ = side.motor_values(joint).get("stiffness", (0.0, 0.0))
-    spread = stiffness * drive.load_radius**2 * float(np.linalg.norm(parts))
-    return bool(abs(found.coefficients[0]) < SURE * np.hypot(found.errors[0], spread))
-
-
 def _missing_terms(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of terms that a drive lacks, with the field of the drive that has them.
 
     Next to other weights the residual may be as large as before, or larger: these explain nothing.
     """
-    if share < FEW or any(_is_impossible(side, x) or _is_of_ratio(side, x) for x in accepted):
+    if share < FEW or any(_is_impossible(side, x) for x in accepted):
         return None
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison

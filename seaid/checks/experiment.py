@@ -895,30 +895,6 @@ class Experiment:
         few = np.sum(shown, axis=0) < tol.FEWEST_INSTANTS
         return self.with_changes(counted=np.where(few, self.counted, shown))
 
-    @cached_property
-    def without_bursts(self) -> Experiment:
-        """The experiment without instants at which a hand, or a contact, spoils the torques.
-
-        Any bodies with any friction, in whatever unit the torques are, leave bursts there. They
-        pull the fit towards them: it is repeated without them, and they are looked for anew. That
-        counts if they are in less than most instants, and the others are explained far better.
-        """
-        rest = self
-        for _ in range(MOST_STEPS if np.nanmax(self.free, initial=0.0) > tol.POOR else 0):
-            size = np.abs(rest._left_by_any.T)
-            # of normal errors the median size is 0.6745 standard deviations
-            usual = np.nanmedian(np.where(rest.counted, size, np.nan), axis=0) / 0.6745
-            is_burst = np.any(size[:, self.used] > tol.BURST * usual[self.used], axis=1)
-            if np.mean(is_burst) > tol.MOST:
-                return self
-            before, counted = rest.counted, self.counted & ~is_burst[:, None]
-            rest = self.with_changes(counted=counted)
-            if np.array_equal(before, counted):
-                break
-        few = np.any(np.sum(rest.counted, axis=0)[self.used] < tol.FEWEST_INSTANTS)
-        is_better = np.nanmax(rest.free, initial=0.0) < tol.MOST * np.nanmax(self.free, initial=0.0)
-        return rest if is_better and not few else self
-
     @derived(*_OF_TORQUES)
     def _elastic(self) -> list[int]:
         return [j for j in map(self.robot.index, self.robot.elastic_joints) if j in self.used]

@@ -941,11 +941,7 @@ def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Findin
     # a torque that ends at a limit has a factor that no sensor has, what holds an output is no body
     hidden = {"saturation", "locked-output"}
     kept = {*experiment.robot.joint_names} - {x.joint for x in known if x.code in hidden}
-    moving = with_torques_of(experiment, kept).in_motion
-    findings, without = mistakes(moving)
-    if not any(finding.severity != "note" for finding in findings):
-        with_rest = moving.without_bursts
-        findings, without = (findings, without) if with_rest is moving else mistakes(with_rest)
+    findings, without = mistakes(with_torques_of(experiment, kept).in_motion)
     is_named = any(finding.severity != "note" for finding in findings)
     beyond = [] if is_named else channels.limit_findings(experiment)
     return [*findings, *beyond, *observed(OF_REST, without)]

@@ -23,7 +23,7 @@ from tests.commanded_joint import SOFT, mujoco_log, robot_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
 from tests.mistakes import CASES, described, repaired, worst
 from tests.one_joint import one_joint
-from tests.plants import log_with, write_columns
+from tests.plants import write_columns
 from tests.representatives import quick_first, quick_only
 
 
@@ -489,33 +489,3 @@ def test_one_factor_of_most_joints_is_a_unit_and_no_rating(
     factors: list[float], differ: bool
 ) -> None:
     assert _are_scales(np.log(factors), np.full(len(factors), 50.0)) == differ
-
-
-@pytest.mark.parametrize("what", ["play", "spring", "one slip", "noise"])
-def test_play_of_a_stiff_drive_is_a_note_and_no_spring_is(tmp_path: Path, what: str) -> None:
-    """Both encoders showed a backlash of 12 mrad, and the result was good without a note."""
-    robot = one_joint(tmp_path, drive={"type": "stiff", "gear_ratio": 60.0})
-    time = np.arange(0, 20, 0.005)
-    torque = 2 * np.sin(1.3 * time) + np.sin(3.1 * time)
-    apart = {
-        "play": 0.006 * np.sign(torque),
-        "spring": 0.004 * torque,
-        "one slip": 0.006 * np.sign(time - 8),
-        "noise": 0.004 * np.random.default_rng(0).normal(size=len(time)),
-    }[what]
-    angle = np.cos(0.9 * time)
-    log = log_with(
-        "arm",
-        time,
-        joint_position=angle,
-        motor_position=60 * (angle + apart + 0.2),
-        motor_torque=torque / 60,
-    )
-    found = [x for x in log_findings(robot, [log]) if x.code == "backlash"]
-    assert len(found) == (what == "play")
-    for finding in found:
-        assert (finding.severity, finding.joint) == ("note", "arm")
-        assert finding.evidence["half width"] == pytest.approx(0.006, rel=0.05)
-        table = tomllib.loads(finding.remedy.partition("in the drives file:\n")[2])["arm"]
-        assert table["spring"] == ["linear", "dead_zone"]
-        assert table["dead_zone_rad"] == pytest.approx(0.006, rel=0.05)

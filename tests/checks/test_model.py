@@ -760,15 +760,3 @@ def test_a_command_that_an_amplifier_limits_shows_the_limit(tmp_path: Path) -> N
     worst = worst_saturation(seaid.identify(robot, replace(log, motor_torque=asked[:, None])))
     assert worst.severity != "note"
     assert worst.evidence["limit"] == pytest.approx(10.0, rel=0.2)
-
-
-@pytest.mark.slow  # two identifications
-@pytest.mark.parametrize("is_stated", quick_first([True, False]))
-def test_a_stated_error_of_a_ratio_is_no_parallel_spring(is_stated: bool) -> None:
-    """A radius from the encoders is off by a thousandth, and its error is in the drives file."""
-    robot, key = arm().without_nominal(), "motor_pulley_radius_m"
-    drive = robot.drives["telescope"]
-    off: dict[str, Any] = {key: 1.001 * getattr(drive, key)}
-    changed = replace(drive, std={key: 1e-3 * off[key]} if is_stated else {}, **off)
-    found = seaid.identify(robot.with_drives({"telescope": changed}), arm_log(0))
-    assert [x.joint for x in findings(found)] == ["telescope"] * (not is_stated)

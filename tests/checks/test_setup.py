@@ -565,26 +565,6 @@ def test_of_a_long_robot_the_joints_that_its_file_explains_worst_are_doubted() -
     assert len(doubted) == SHORTLIST < robot.n
 
 
-@pytest.mark.slow  # 1.2 s
-def test_a_hand_hides_no_unit_of_the_torques() -> None:
-    """Torques in mN m were a rotor of a thousand times the inertia, where a hand pushed."""
-    robot, log = leg(TEST_MASS), leg_log(3)
-    right = experiment(robot, log).in_motion
-    assert right.without_bursts is right
-    time = log.time - log.time[0]
-    hand = 20 * np.sin(9 * time) * ((time > 1.5) & (time < 2.7))
-    pushes = hand[:, None] * np.std(log.motor_torque, axis=0)
-    pushed = replace(log, motor_torque=1e3 * (log.motor_torque + pushes))
-    touched = experiment(robot, pushed).in_motion
-    kept = np.any(touched.without_bursts.counted, axis=1)
-    is_pushed = (touched.time[:, 0] > 1.5) & (touched.time[:, 0] < 2.7)
-    assert np.mean(kept[is_pushed]) < 0.1 < 0.9 < np.mean(kept[~is_pushed])
-    assert mistakes(touched)[0] == []
-    (finding,) = seaid.check(robot, pushed).warnings
-    assert (finding.code, finding.severity) == ("unit", "wrong")
-    assert "mNm" in finding.message
-
-
 def test_an_experiment_is_not_changed_by_nothing() -> None:
     values = list[float]()
 
