@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,7 @@ from seaid.log.description import as_toml, changed_source
 from seaid.log.repair.channels import held_over, saturated, wrap_period
 from seaid.log.usable_parts import REST
 from seaid.regressor.regression import INPUT_FIELDS
-from seaid.robot import Robot
-from seaid.robot.transmission import at_drives
+from seaid.robot import Robot, at_drives
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,29 +282,28 @@ def _plays(logged: Logged) -> Iterator[Finding]:
     Those between the ends of the play pass in a short time. Of an even distribution the two angles
     explain 3/4, of a sinusoid 0.81, and one slip is no play.
     """
-    robot, plays = logged.robot, dict[str, tuple[float, float]]()
-    for log in logged.logs:
-        joints = [log.joint_names.index(joint) for joint in robot.joint_names]
-        turned = at_drives(robot.transmission, robot.drive_states(log.joint_position[:, joints])[0])
-        stiff = (j for j, x in enumerate(robot.drives.values()) if not x.is_elastic)
-        for j, joint in ((j, robot.joint_names[j]) for j in stiff):
-            motor = log.motor_position[:, joints[j]] / total_ratio(robot.drives[joint])
-            known = np.isfinite(motor) & np.isfinite(turned[:, j])
-            if np.any(known):
-                angle = turned[known, j]
-                half, explained, changes = _two_levels(motor[known] - angle, angle)
-                if (
-                    explained > 1 - tol.POOR
-                    and half > tol.LEAST_OFFSET / 2
-                    and changes > tol.EVENTS
-                ):
-                    plays.setdefault(joint, (half, explained))
+    plays = dict[str, tuple[float, float]]()
+    for log, (joint, drive) in product(logged.logs, logged.robot.drives.items()):
+        half, explained, changes = _levels_between(logged.robot, log, joint)
+        is_play = explained > 1 - tol.POOR and changes > tol.EVENTS and not drive.is_elastic
+        if is_play and 2 * half > tol.LEAST_OFFSET:
+            plays.setdefault(joint, (half, explained))
     for joint, (half, explained) in plays.items():
         terms = 'type = "series_elastic"\nspring = ["linear", "dead_zone"]'
         lines = in_drives({(joint,): f"{terms}\ndead_zone_rad = {half:.2g}"})
-        evidence = {"half width": half, "explained": explained}
-        unit = robot.drives[joint].joint_units[1]
-        yield CODES["backlash"].finding("stiff", joint, {**evidence, "unit": unit}, lines)
+        evidence: dict[str, Any] = {"half width": half, "explained": explained}
+        evidence["unit"] = logged.robot.drives[joint].joint_units[1]
+        yield CODES["backlash"].finding("stiff", joint, evidence, lines)
+
+
+def _levels_between(robot: Robot, log: Log, joint: str) -> tuple[float, float, int]:
+    """Return the `_two_levels` of the angle between the encoders of a joint in a log."""
+    places, j = [log.joint_names.index(x) for x in robot.joint_names], robot.index(joint)
+    turned = at_drives(robot.transmission, robot.drive_states(log.joint_position[:, places])[0])
+    angle = turned[:, j]
+    apart = log.motor_position[:, places[j]] / total_ratio(robot.drives[joint]) - angle
+    known = np.isfinite(apart)
+    return _two_levels(apart[known], angle[known]) if np.any(known) else (0.0, 0.0, 0)
 
 
 def _two_levels(apart: Array, angle: Array) -> tuple[float, float, int]:

@@ -326,6 +326,11 @@ def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     return any(name in positive and value < 0 for name, value in values)
 
 
+def _is_nothing(side: Side, accepted: Acceptance, share: float) -> bool:
+    """Whether terms explain nothing, cannot be, or are the stated error of a ratio."""
+    return share < FEW or any(_is_impossible(side, x) or _is_of_ratio(side, x) for x in accepted)
+
+
 def _is_of_ratio(side: Side, found: engine.Accepted) -> bool:
     """Whether a parallel spring is within what the stated error of a ratio does to a spring.
 
@@ -348,7 +353,7 @@ def _missing_terms(side: Side, joint: str, accepted: Acceptance, share: float) -
 
     Next to other weights the residual may be as large as before, or larger: these explain nothing.
     """
-    if share < FEW or any(_is_impossible(side, x) or _is_of_ratio(side, x) for x in accepted):
+    if _is_nothing(side, accepted, share):
         return None
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
