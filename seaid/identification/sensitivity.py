@@ -19,7 +19,7 @@ from seaid._arrays import Array
 from seaid.checks.tolerances import SIGNIFICANT, TWICE
 from seaid.checks.values import disagreement, homogeneous
 from seaid.errors import ExcitationError, Finding, IdentificationError
-from seaid.estimation import Estimate, FittedRows
+from seaid.estimation import FittedRows
 from seaid.estimation.covariance import at_slots, long_run, row_step, slots
 from seaid.estimation.least_squares import equal_weights, solve
 from seaid.estimation.qr_factor import QRFactor, qr_factor_of
@@ -135,15 +135,18 @@ def _scores(
     return np.where(matters & (scores > SIGNIFICANT), scores, 0.0)
 
 
-def _stated_errors(fit: FittedRows, of_noise: Estimate, stated: Estimate) -> dict[str, float]:
+def _stated_errors(
+    joint: str, fit: FittedRows, sides: RobotEstimate, stated: RobotEstimate
+) -> dict[str, float]:
     """Return {parameter: standard error} of a fit, with the errors of what was given as known.
 
     They are to those by the noise of the logs as in the result, whose units may be others: a fit
     for a motor constant of 1 has a stiffness over that constant.
     """
     errors = dict(zip(fit.estimate.names, fit.estimate.standard_errors.tolist(), strict=True))
-    for name in {*errors} & {*of_noise.names} & {*stated.names}:
-        before, after = of_noise.standard_error(name), stated.standard_error(name)
+    both = [x.load_side if joint == LOAD else x.drives[joint] for x in (sides, stated)]
+    for name in {*errors}.intersection(*(x.names for x in both)):
+        before, after = (x.standard_error(name) for x in both)
         errors[name] *= max(after / before, 1.0) if before else 1.0
     return errors
 
@@ -187,11 +190,7 @@ def _cutoff_findings(
             narrow = fit_of(fit.rows, weights, fit.qr_factor, constraint)
         else:
             narrow = fit_of(stacked(list(map(regress, few))), weights, None, constraint)
-        of_noise, of_result = (
-            x.load_side if joint == LOAD else x.drives[joint] for x in (sides, stated)
-        )
-        errors = _stated_errors(fit, of_noise, of_result)
-        scores = _scores([narrow, wide], errors, fit.propagated)
+        scores = _scores([narrow, wide], _stated_errors(joint, fit, sides, stated), fit.propagated)
         better = _better_cutoff(robot, joint, cutoff_hz, compress(rows.names, scores))
         remedy = f"{better}, and compare the values"
         values = dict(zip(ways, (narrow.values, wide.values), strict=True))

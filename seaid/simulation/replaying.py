@@ -261,11 +261,10 @@ def _first(log: Log, field: str, joint: str) -> tuple[float, float]:
 
 def _logged(robot: Robot, log: Log) -> Command:
     """Return the logged motor inputs as a function of time, interpolated linearly."""
-    kinds = {joint: robot.drives[joint].motor_input for joint in robot.joint_names}
     inputs = {
-        robot.index(joint): _column(log, f"motor_{kind}", joint)
-        for joint, kind in kinds.items()
-        if kind not in COMMANDS
+        robot.index(joint): _column(log, f"motor_{drive.motor_input}", joint)
+        for joint, drive in robot.drives.items()
+        if drive.motor_input not in COMMANDS
     }
 
     def interpolated(at: float, _: Array) -> Array:
@@ -419,8 +418,7 @@ def compare_replays(
     if not joints:
         raise SeaidError(f"no joint is left to replay: {'; '.join(map(': '.join, held.items()))}")
     log, states = _with_measured_motion(after, log, held)
-    nominal = _with_values_of(after, without_unknown_terms(before))
-    models = {"nominal": nominal, "identified": after}
+    models = {"nominal": without_unknown_terms(before, after), "identified": after}
     notes = [not_replayed(joint, reason) for joint, reason in held.items()]
     indices = [after.index(joint) for joint in joints]
     moved = []
@@ -443,13 +441,12 @@ def compare_replays(
 def _worse(comparison: ReplayComparison, after: Robot) -> Iterator[Finding]:
     """Yield the findings about joints that the second model replays worse than the first one."""
     joints = comparison.joints
-    closes = all(after.drives[joint].controller is not None for joint in joints)
     # noise is part of both, so that two replays within the noise count as equally good
     errors = (np.hypot(rms, comparison.noise).tolist() for rms in comparison.rms_errors)
     old, new = (dict(zip(joints, error, strict=True)) for error in errors)
     ratios = {joint: new[joint] / max(old[joint], np.finfo(float).tiny) for joint in joints}
     units = ["mm" if slides else "mrad" for slides in comparison.is_prismatic]
-    return replay_worse(new, ratios, units, closes)
+    return replay_worse(new, ratios, units, all(after.drives[x].controller for x in joints))
 
 
 _FOLLOWING = replace(IDEAL_DRIVE, motor_inertia_kg_m2=1e6)
@@ -551,26 +548,21 @@ def _slower(drive: Drive) -> Drive:
     return drive if rotor_inertia >= least else drive.with_values({"motor_inertia": least})
 
 
-def without_unknown_terms(robot: Robot) -> Robot:
-    """Return the robot without the friction, rotor inertia and delays that have no value."""
-    return robot.with_drives({joint: _plain(drive) for joint, drive in robot.drives.items()})
+def without_unknown_terms(robot: Robot, identified: Robot | None = None) -> Robot:
+    """Return the robot without the friction, rotor inertia and delays that have no value.
+
+    What else its drives lack, such as a stiffness, is that of the identified robot.
+    """
+    drives = (identified or robot).drives
+    return robot.with_drives({x: _plain(y, drives[x].values) for x, y in robot.drives.items()})
 
 
-def _plain(drive: Drive) -> Drive:
-    terms = PARAMETERS_OF["friction"]
-    kept = tuple(x for x in drive.friction if all(name in drive.values for name in terms[x]))
-    inertia = drive.motor_inertia_kg_m2 or 0.0
-    return replace(drive, friction=kept, motor_inertia_kg_m2=inertia)
-
-
-def _with_values_of(identified: Robot, nominal: Robot) -> Robot:
-    """Return the nominal robot with the values of the identified one that it needs and lacks."""
-    drives = dict(nominal.drives)
-    for joint, drive in nominal.drives.items():
-        lacking = {*drive.parameter_names}.difference(drive.values)
-        values = identified.drives[joint].values
-        drives[joint] = drive.with_values({x: values[x] for x in lacking if x in values})
-    return nominal.with_drives(drives)
+def _plain(drive: Drive, values: Mapping[str, float]) -> Drive:
+    known, terms = {*drive.values}, PARAMETERS_OF["friction"]
+    kept = tuple(term for term in drive.friction if known.issuperset(terms[term]))
+    plain = replace(drive, friction=kept, motor_inertia_kg_m2=drive.motor_inertia_kg_m2 or 0.0)
+    lacking = {*plain.parameter_names}.difference(plain.values).intersection(values)
+    return plain.with_values({name: values[name] for name in lacking})
 
 
 def _noise(position: Array) -> Array:
