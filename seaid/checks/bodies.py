@@ -14,7 +14,7 @@ import scipy
 from seaid._arrays import Array
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Cause, moved_zeros, only_joint, undecided, with_payload
+from seaid.checks.codes import CODES, Cause, only_joint, undecided, with_payload
 from seaid.checks.experiment import (
     Experiment,
     Transform,
@@ -28,6 +28,7 @@ from seaid.checks.experiment import (
 )
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation.qr_factor import RANK_TOLERANCE, posterior, scaled_svd, triangle
+from seaid.log.logged_channels import moved_zeros
 from seaid.regressor.base import regressor_at_drives
 
 

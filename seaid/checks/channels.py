@@ -7,15 +7,13 @@ change that repairs it.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, is_constant, runs
 from seaid._files import toml_key
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Channel, channels_of, in_description, in_drives
+from seaid.checks.codes import CODES, in_description, in_drives
 from seaid.checks.engine import Check, looks_for
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
@@ -24,26 +22,11 @@ from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
 from seaid.log.channels import UNIT_FACTORS
 from seaid.log.description import as_toml, changed_source
+from seaid.log.logged_channels import Channel, Logged, changed_sources, channels_of
 from seaid.log.repair.channels import held_over, saturated, wrap_period
 from seaid.log.usable_parts import REST
 from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot
-
-
-@dataclass(frozen=True, eq=False)
-class Logged:
-    """The logs of a robot, and its joints whose torques are used."""
-
-    robot: Robot
-    logs: Sequence[Log]
-    used: Collection[str]
-
-    @property
-    def named(self) -> list[tuple[str, Log]]:
-        """Each log with its name, "log 2", "the log" for a single one."""
-        if len(self.logs) == 1:
-            return [("the log", self.logs[0])]
-        return [(f"log {number}", log) for number, log in enumerate(self.logs, 1)]
 
 
 def _time_units(logged: Logged) -> Iterator[Finding]:
@@ -70,14 +53,6 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         yield code.finding("other", "", {**evidence, "unit": unit}, remedy)
 
 
-def _changed(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, Any]]:
-    """Return {joint: {quantity: source}} of channels with their changes."""
-    sources = dict[str, dict[str, Any]]()
-    for channel, change in changes.items():
-        sources.setdefault(channel.joint, {})[channel.quantity] = channel.changed(**change)
-    return sources
-
-
 def _positions(log: Log) -> Iterator[Channel]:
     """Yield the positions of a log that change."""
     return channels_of(log, log.joint_names, "motor_position", "joint_position")
@@ -99,7 +74,7 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
             for channel, period in periods.items()
             if period is not None and channel.source is not None
         }
-        if lines := _changed(changes):
+        if lines := changed_sources(changes):
             evidence = {"period": next(iter(changes.values()))["wraps"]}
             words = {"joints": ", ".join(lines), "log": name}
             of_joints = "jumps", "", {**evidence, **words}, in_description(lines, name)
@@ -147,7 +122,7 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
         unit, full = ("per cent", 100) if largest <= 100 else ("per mille", 1000)
         known = {x: rating for x, rating in ratings.items() if 0 < rating < np.inf}
         by = f"{unit} of the limits of the robot file" if known == ratings else "times the rating"
-        lines = _changed({x: {"factor": known.get(x, 1.0) / full} for x in ratings})
+        lines = changed_sources({x: {"factor": known.get(x, 1.0) / full} for x in ratings})
         is_far = any(x.largest > tol.MANY_TIMES * rating for x, rating in ratings.items())
         if lines:
             remedy = f"{in_description(lines, name)}\n# {by}, see the data sheet; if it "
@@ -175,7 +150,7 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
         held = {x: count for x in channels if (count := held_over(log.time, x.values)) > 1}
         is_resampled = any(repair.kind == "irregular steps" for repair in log.report)
         if held:
-            most, lines = max(held.values()), _changed({channel: {} for channel in held})
+            most, lines = max(held.values()), changed_sources({channel: {} for channel in held})
             remedy = f"{in_description(lines, name)}\n# held samples are then interpolated"
             words = {"joints": listed(lines), "log": name}
             of_joints = "held", "", {"samples per new value": float(most), **words}, remedy

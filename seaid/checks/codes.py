@@ -12,30 +12,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, partialmethod
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-import numpy as np
-
 from seaid import errors
-from seaid._arrays import Array, FrozenMapping, is_constant
+from seaid._arrays import FrozenMapping
 from seaid._files import read_toml, toml_table, toml_text
 from seaid.checks import tolerances as tol
-from seaid.drives import total_ratio
 from seaid.errors import Certainty, Finding, SeaidError, Severity, by_severity, listed
-from seaid.log import Log
-from seaid.log.description import as_toml, changed_source
-from seaid.robot import Robot
-
-Source = str | Mapping[str, Any]
-"""How a quantity was read: its column, or its entry in the description of a log."""
-
-Sources = Mapping[str, Mapping[str, Source]]
-"""{joint: {quantity: its source}}."""
-
+from seaid.log.description import as_toml
+from seaid.log.logged_channels import Sources
 
 _FORMS: dict[str, Callable[[Any], float]] = {"abs": abs, "degrees": math.degrees}
 _FORMS |= {"milli": lambda x: 1e3 * x, "half": lambda x: 0.5 * x}
@@ -206,30 +195,6 @@ def in_description(sources: Sources, log: str = "the log", table: str = "joints"
     return Remedy(f"in the description of {log}:", lines)
 
 
-def moved_zeros(
-    robot: Robot, angles: Mapping[str, float], sources: Sources, reverses: Collection[str] = ()
-) -> Sources:
-    """Return the `sources` that change if angles are added to the zeros of joints.
-
-    The zeros of the motors that turn these joints, and commands, move along; the positions and
-    commands of joints that are `reverses` change their sign.
-    """
-    added = [angles.get(joint, 0.0) for joint in robot.joint_names]
-    # theta_M = N r_L / r_M phi, phi = C q: the zero of a joint moves all motors that turn it.
-    turned = robot.transmission @ added * [total_ratio(drive) for drive in robot.drives.values()]
-    entries: dict[str, dict[str, Source]] = {}
-    for joint, angle, of_motor in zip(robot.joint_names, added, turned.tolist(), strict=True):
-        factor = -1.0 if joint in reverses else 1.0
-        offsets = dict.fromkeys(("joint_position", "position_command"), angle)
-        offsets |= {"motor_position": of_motor, "velocity_command": 0.0, "torque_command": 0.0}
-        for quantity, offset in offsets.items():
-            source = sources.get(joint, {}).get(quantity)
-            if source and (offset or factor < 0):
-                changed = changed_source(source, factor=factor, offset=round(offset, 5))
-                entries.setdefault(joint, {})[quantity] = changed
-    return entries
-
-
 def with_payload(link: str, mass_kg: float, com_m: str) -> str:
     """Return the remedy that gives a payload: by an option, or by the table of a project."""
     table = f"[[payload]]\nlink = {toml_text(link)}\nmass_kg = {mass_kg:.3g}\ncom_m = [{com_m}]"
@@ -262,49 +227,6 @@ def excluding_torque(kept: Sequence[str]) -> str:
         return ""
     lines = f"seaid.toml:\ntorque_joints = [{', '.join(map(toml_text, kept))}]"
     return f", or exclude its torque (--torque-joints {','.join(kept)}), in [identify] of {lines}"
-
-
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """The samples (T,) of a quantity of a joint, and the `source` in which the log has them."""
-
-    joint: str
-    quantity: str
-    values: Array
-    source: Source | None
-
-    @property
-    def words(self) -> str:
-        """The quantity in words."""
-        return self.quantity.replace("_", " ")
-
-    @property
-    def entry(self) -> Mapping[str, Any]:
-        """The entry of the description, empty for a column alone."""
-        return self.source if isinstance(self.source, Mapping) else {}
-
-    def changed(self, **changes: float) -> Source:
-        """Return the source with the changes of `changed_source`."""
-        return changed_source(self.source or "", **changes)
-
-    @property
-    def scale(self) -> float:
-        """The factor on the column."""
-        return float(self.entry.get("scale", 1.0))
-
-    @property
-    def largest(self) -> float:
-        """The largest size of a sample."""
-        return float(np.max(np.abs(self.values)))
-
-
-def channels_of(log: Log, joints: Collection[str], *quantities: str) -> Iterator[Channel]:
-    """Yield the channels of joints whose samples are all known, and change."""
-    sources = log.sources()
-    for quantity in (name for name in quantities if getattr(log, name) is not None):
-        for joint, values in zip(log.joint_names, getattr(log, quantity).T, strict=True):
-            if joint in joints and np.all(np.isfinite(values)) and not is_constant(values):
-                yield Channel(joint, quantity, values, sources[joint].get(quantity))
 
 
 EXPLAINED, OF_MOTOR = "explained", "explained of the motor equation"

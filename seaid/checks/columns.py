@@ -16,9 +16,8 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
-from seaid.checks.codes import CODES, EXPLAINED, Sources, in_drives, only_joint
+from seaid.checks.codes import CODES, EXPLAINED, in_drives, only_joint
 from seaid.checks.engine import Acceptance, Check, ColumnCheck, Need
-from seaid.checks.experiment import sources_of
 from seaid.checks.terms import (
     DriveRows,
     actuator_drive,
@@ -45,6 +44,7 @@ from seaid.drives.terms import BY_TEMPERATURE, LEVEL_OF, MOTOR_CONSTANTS
 from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
 from seaid.log import Log, Motion
+from seaid.log.logged_channels import Sources, sources_of
 from seaid.log.rows import in_band_at
 from seaid.regressor import BaseParameters
 from seaid.regressor.base import regressor_at_drives, torque_slopes

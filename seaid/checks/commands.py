@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 import numpy as np
 
-from seaid._arrays import Array, is_constant, resolution
+from seaid._arrays import Array, is_constant
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES
@@ -30,33 +29,12 @@ from seaid.estimation import Estimate
 from seaid.estimation.parameters import buses_of, is_stated
 from seaid.estimation.qr_factor import residual_of
 from seaid.log import Log
-from seaid.log.commands import with_commanded_torque
+from seaid.log.commands import Commanded, commanded_joints, controlled_position
 from seaid.log.describe.inference import correlation
 from seaid.log.description import changed_source
+from seaid.log.logged_channels import Channel, channels_of
+from seaid.log.repair.channels import encoder_noise
 from seaid.robot import Robot
-
-
-@dataclass(frozen=True, eq=False)
-class Commanded:
-    """A joint with a controller in a log.
-
-    `command` and `position` (T,) are those at the joint; the position is that of the encoder which
-    the controller sees, of the motor if it was logged. `asked` (T,) is the torque at the joint that
-    the controller would give without its limit.
-    """
-
-    robot: Robot
-    log: Log
-    joint: str
-    law: Controller
-    command: Array
-    position: Array
-    asked: Array
-
-    @property
-    def units(self) -> tuple[str, str]:
-        """The units of torque, or of the force of a sliding joint, and position."""
-        return self.robot.drives[self.joint].joint_units
 
 
 def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
@@ -66,29 +44,12 @@ def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
     """
     if log.position_command is None or not robot.has_controllers:
         return
-    every = [*_commanded(robot, log)]
+    every = [*commanded_joints(robot, log)]
     exchanged = [x for pair in combinations(every, 2) for x in _exchanged_commands(*pair)]
     yield from exchanged
     for commanded in every if not exchanged else ():
         wrong = list(_not_following(commanded))
         yield from wrong or chain.from_iterable(look(commanded) for look in _OF_COMMANDS)
-
-
-def _commanded(robot: Robot, log: Log) -> Iterator[Commanded]:
-    """Yield the joints of a log with position commands that have a controller and an encoder."""
-    assert log.position_command is not None
-    unlimited = {
-        joint: replace(drive, controller=replace(drive.controller, torque_limit_Nm=math.inf))
-        for joint, drive in robot.drives.items()
-        if drive.controller is not None
-    }
-    # the motor torque (T, n) that the controllers would give without a limit
-    asked = with_commanded_torque(robot.with_drives(unlimited), log).motor_torque
-    for joint, drive in robot.drives.items():
-        j, law = log.joint_names.index(joint), drive.controller
-        signals = log.position_command[:, j], _controlled_position(log, j, drive.ratio)
-        if law is not None and not any(np.isnan(signal[0]) for signal in signals):
-            yield Commanded(robot, log, joint, law, *signals, drive.ratio * asked[:, j])
 
 
 def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding]:
@@ -103,12 +64,6 @@ def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding
     words = {"other": second.joint, "each": f"{crossed:.3f} and {other:.3f}"}
     of_pair = "commands", first.joint, {**evidence, **words}, codes.in_description(lines)
     yield CODES["swapped-joints"].finding(*of_pair)
-
-
-def _controlled_position(log: Log, j: int, ratio: float) -> Array:
-    """Return the position (T,) at joint j that its controller sees, NaN without either encoder."""
-    motor = log.motor_position[:, j] / ratio
-    return log.joint_position[:, j] if np.isnan(motor[0]) else motor
 
 
 def _not_following(commanded: Commanded) -> Iterator[Finding]:
@@ -237,22 +192,10 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
         yield CODES["unused-command"].finding("velocity", joint, evidence, remedy)
 
 
-def _encoder_noise(position: Array) -> float:
-    """Return the standard deviation of noise and resolution of an encoder (T,).
-
-    Noise has 924 times its variance in sixth differences, where a motion leaves little of itself.
-    """
-    # 1.4826 times the median of |x| is the standard deviation of Gaussian noise; outliers and
-    # reversals have no part in it.
-    sixth = 1.4826 * float(np.median(np.abs(np.diff(position, 6)))) / math.sqrt(924)
-    repeats = bool(np.any(np.diff(position) == 0))
-    return float(max(sixth, resolution(position) / math.sqrt(12) if repeats else 0.0))
-
-
 def _too_close(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint whose tracking error is mostly the noise of its encoder."""
     size = float(np.std(commanded.command - commanded.position))
-    noise = _encoder_noise(commanded.position)
+    noise = encoder_noise(commanded.position)
     if size <= tol.SURE * noise and not is_constant(commanded.position):
         evidence = {"tracking error over noise": size / noise if noise else 0.0, "noise": noise}
         words = {"unit": commanded.units[1], "times": f"{size / noise if noise else 1.0:.2g}"}
@@ -275,9 +218,9 @@ def no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
         yield _no_measurement(channel, robot.drives[channel.joint], error, is_size, others)
 
 
-def _computed(robot: Robot, log: Log, quantity: str) -> Iterator[tuple[codes.Channel, Array, bool]]:
+def _computed(robot: Robot, log: Log, quantity: str) -> Iterator[tuple[Channel, Array, bool]]:
     """Yield the torques that measure none, with the tracking error (T,), and if it is a size."""
-    channels = list(codes.channels_of(log, log.joint_names, quantity))
+    channels = list(channels_of(log, log.joint_names, quantity))
     returns = _returns([channel.values for channel in channels])
     for channel, count in zip(channels, returns, strict=True):
         drive = robot.drives.get(channel.joint)
@@ -297,11 +240,11 @@ def _tracking_error(log: Log, joint: str, ratio: float) -> Array:
     """Return the position commands of a joint less its positions (T,), NaN without either."""
     j = log.joint_names.index(joint)
     commands = np.nan if log.position_command is None else log.position_command[:, j]
-    return np.asarray(commands - _controlled_position(log, j, ratio))
+    return np.asarray(commands - controlled_position(log, j, ratio))
 
 
 def _no_measurement(
-    channel: codes.Channel, drive: Drive, error: Array, is_magnitude: bool, others: Sequence[str]
+    channel: Channel, drive: Drive, error: Array, is_magnitude: bool, others: Sequence[str]
 ) -> Finding:
     """Return the finding of a torque or current that is a magnitude, or computed from the error."""
     evidence = {"correlation with the tracking error": abs(correlation(error, channel.values))}

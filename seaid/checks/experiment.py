@@ -20,7 +20,7 @@ from scipy.linalg import block_diag
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray, safely
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import Code, Source, Sources, in_description, only_joint
+from seaid.checks.codes import Code, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import Finding, listed
@@ -29,6 +29,7 @@ from seaid.estimation.covariance import correlated_rows
 from seaid.log import Motion, row_samples
 from seaid.log.description import changed_source
 from seaid.log.filtering import moving
+from seaid.log.logged_channels import Source, Sources, sources_of
 from seaid.log.rows import in_band_at
 from seaid.regressor import BaseParameters, base_parameters, joint_torques
 from seaid.regressor.base import regressor_at_drives
@@ -1049,12 +1050,6 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         has_wrenches=any(x.base and x.base.wrenches for x in chain.from_iterable(logs)),
         **signals,
     )
-
-
-def sources_of(motions: Sequence[Motion]) -> Sources:
-    """Return the sources of the channels of a log {joint: {quantity: source}}."""
-    processing = motions[0].processing
-    return {} if processing is None else processing.sources or {}
 
 
 def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experiment:

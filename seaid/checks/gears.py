@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from seaid._arrays import Array, runs
+from seaid._arrays import Array
 from seaid._files import toml_key
 from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
@@ -44,8 +44,9 @@ from seaid.estimation.least_squares import settled_weights
 from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
 from seaid.log import Motion, low_pass
 from seaid.log.description import changed_source
+from seaid.log.logged_channels import moved_zeros
 from seaid.log.motion import POSITION_BAND
-from seaid.log.repair.channels import saturated
+from seaid.log.repair import channels
 from seaid.regressor.base import regressor_at_drives
 from seaid.regressor.regression import INPUT_FIELDS
 
@@ -598,17 +599,17 @@ _ROUNDING, _LEAST = 1e-3, 1e-300
 def beyond_extremes(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what a motor gives beyond the extremes of what was logged, while the log is there.
 
-    It is as much all the time, or follows a parabola between the ends of each time at an extreme,
-    as a smooth signal does to second order. The coefficient is the mean over these samples.
+    The coefficient is the mean over these samples.
     """
-    shapes = [_at_extremes(side, joint, motion) for motion in side.motions]
+    index, channel = side.robot.index(joint), torque_channel(side, joint)
+    shapes = [channels.beyond_extremes(getattr(x, channel)[:, index]) for x in side.motions]
     count = sum(np.count_nonzero(shape[:, 0]) for shape in shapes)
     if count:
         sizes = np.sum([np.sum(np.abs(shape), axis=0) for shape in shapes], axis=0) / count
         columns = side.drive(joint).at_rows([shape / sizes for shape in shapes])
         columns *= -_constant_of(side, joint)
         models = tuple(engine.Alternative(column[:, None], 1) for column in columns.T)
-        yield engine.Candidate(joint, "saturation", torque_channel(side, joint), models)
+        yield engine.Candidate(joint, "saturation", channel, models)
 
 
 def beyond_amplifiers(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -620,7 +621,7 @@ def beyond_amplifiers(side: Side, joint: str) -> Iterator[engine.Candidate]:
     index, channel = side.robot.index(joint), torque_channel(side, joint)
     inputs, drive = [getattr(x, channel)[:, [index]] for x in side.motions], side.drive(joint)
     size = np.abs(at_rows := drive.at_rows(inputs))
-    limits = np.quantile(size[side.equation.rows.joint == index], _PARTS_BELOW)
+    limits = np.quantile(size[side.equation.rows.joint == index], 1 - _PARTS_BEYOND)
     rows = side.equation.weighted(np.sign(at_rows) * np.maximum(size - limits, 0.0))
     rest, residual = side.equation.residual_of(rows), side.equation.residual
     shares = (residual @ rest) ** 2 / np.maximum(np.sum(rest**2, axis=0), _LEAST)
@@ -633,8 +634,8 @@ def beyond_amplifiers(side: Side, joint: str) -> Iterator[engine.Candidate]:
         yield engine.Candidate(joint, "saturation", "amplifier", (model,))
 
 
-_PARTS_BELOW = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
-"""Parts of the samples of a command below the limits that are tried."""
+_PARTS_BEYOND = np.geomspace(0.5, 0.01)
+"""Parts of the samples of a command beyond the limits that are tried."""
 
 
 def is_amplifier(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
@@ -645,9 +646,8 @@ def is_amplifier(side: Side, joint: str, accepted: Acceptance, share: float) -> 
         return None
     limit = accepted[0].trial.alternative.values["limit"]
     words = {"quantity": torque_channel(side, joint).replace("_", " "), "explained": share}
-    is_worse = _changes_much(side, accepted)
-    evidence = {"limit": limit, "part": value, "standard error": error, **words}
-    return codes.CODES["saturation"].finding("amplifier", joint, evidence, is_worse=is_worse)
+    of_joint = "amplifier", joint, {"limit": limit, "part": value, "standard error": error, **words}
+    return CODES["saturation"].finding(*of_joint, is_worse=_changes_much(side, accepted))
 
 
 def limit_of_motor(side: Side, selection: engine.Selection, finding: Finding) -> Finding | None:
@@ -663,22 +663,8 @@ def limit_of_motor(side: Side, selection: engine.Selection, finding: Finding) ->
     most = max(sizes, default=math.inf)
     if most > tol.SLIGHT * finding.evidence["limit"]:
         return None
-    words = {"before": finding.message, "most": most}
-    return codes.CODES["saturation"].finding(
-        "of_motor", finding.joint, {**finding.evidence, **words}
-    )
-
-
-def _at_extremes(side: Side, joint: str, motion: Motion) -> Array:
-    """Return shapes (T, 2) of what is beyond the extremes of a motor: even, and of parabolas."""
-    values = getattr(motion, torque_channel(side, joint))[:, side.robot.index(joint)]
-    # Single precision, since samples between two equal ones may differ in the last digit.
-    stuck = saturated(values.astype(np.float32))
-    parabola = np.zeros(len(values))
-    for start, end in runs(stuck):
-        place = np.arange(end - start)
-        parabola[start:end] = (place + 1) * (end - start - place)
-    return np.asarray(np.sign(values)[:, None] * np.column_stack([stuck, parabola]))
+    evidence = {**finding.evidence, "before": finding.message, "most": most}
+    return CODES["saturation"].finding("of_motor", finding.joint, evidence)
 
 
 def is_beyond(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
@@ -689,9 +675,8 @@ def is_beyond(side: Side, joint: str, accepted: Acceptance, share: float) -> Fin
         return None
     evidence = {"beyond the limit": value, "standard error": error, "explained": share}
     words = {"quantity": channel.replace("_", " "), "size": abs(value)}
-    case = "beyond" if value > 0 else "less"
-    is_worse = _changes_much(side, accepted)
-    return codes.CODES["saturation"].finding(case, joint, {**evidence, **words}, is_worse=is_worse)
+    of_joint = "beyond" if value > 0 else "less", joint, {**evidence, **words}
+    return CODES["saturation"].finding(*of_joint, is_worse=_changes_much(side, accepted))
 
 
 def is_late(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
@@ -904,6 +889,6 @@ def zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> F
     is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * tol.POOR * is_known)
     is_minor |= share < tol.FEW  # next to what else was accepted it explains nothing
     evidence = {"offset [rad]": offset, "standard error [rad]": error, "explained": share}
-    lines = codes.in_description(codes.moved_zeros(side.robot, {joint: offset}, side.sources))
+    lines = codes.in_description(moved_zeros(side.robot, {joint: offset}, side.sources))
     of_joint = "residual", joint, {**evidence, "rival": rival * is_known}, lines, not is_minor
     return CODES["encoder-offset"].finding(*of_joint)

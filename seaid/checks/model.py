@@ -151,9 +151,7 @@ GEAR_CHECKS = (
         CODES["delay"], (columns.SPRING, _BOTH_ENCODERS), gears.late_position, gears.is_late
     ),
     ColumnCheck(CODES["saturation"], (_TORQUE,), gears.beyond_extremes, gears.is_beyond),
-    ColumnCheck(
-        *(CODES["saturation"], (_TORQUE, _COMMAND), gears.beyond_amplifiers, gears.is_amplifier)
-    ),
+    ColumnCheck(CODES["saturation"], (_COMMAND,), gears.beyond_amplifiers, gears.is_amplifier),
     ColumnCheck(
         CODES["encoder-offset"],
         (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, columns.MOTION),
@@ -207,10 +205,15 @@ class SideSelection:
 
     def on_limit(self, finding: Finding) -> Finding | None:
         """Return the note on a torque at a limit of the log that these rows settle, else None."""
+        joint, is_open = (
+            finding.joint,
+            (finding.code, finding.severity) == ("saturation", "doubtful"),
+        )
+        if not is_open or joint not in self.side.joints:
+            return None
         names = {x.trial.candidate.name[:2] for x in self.selection.accepted}
-        if (finding.joint, "saturation") in names:
-            return replace(finding, severity="note")
-        return gears.limit_of_motor(self.side, self.selection, finding)
+        note = replace(finding, severity="note") if (joint, "saturation") in names else None
+        return note or gears.limit_of_motor(self.side, self.selection, finding)
 
     def vanished(self, cutoff_hz: float) -> set[tuple[str, str]]:
         """Return what the values show without the accepted columns, and not with them.
@@ -283,15 +286,9 @@ def with_settled_limits(
 
     Either the limit is that of the motor, or the fit has a finding of what the motor gives.
     """
-    settled = {
-        finding: note
-        for finding in findings
-        for side in selected
-        if (finding.code, finding.severity) == ("saturation", "doubtful")
-        and finding.joint in side.side.joints
-        and (note := side.on_limit(finding)) is not None
-    }
-    return [settled.get(finding, finding) for finding in findings]
+    for side in selected:
+        findings = [side.on_limit(finding) or finding for finding in findings]
+    return [*findings]
 
 
 def without_setup_echoes(

@@ -25,7 +25,7 @@ import scipy
 from seaid._arrays import Array
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Source, in_drives
+from seaid.checks.codes import CODES, in_drives
 from seaid.checks.engine import Check, Need, guarded, observed, proposals
 from seaid.checks.experiment import (
     KINDS,
@@ -43,6 +43,7 @@ from seaid.checks.experiment import (
 from seaid.errors import Finding, listed
 from seaid.log import Log
 from seaid.log.channels import UNIT_FACTORS
+from seaid.log.logged_channels import Logged, Source
 from seaid.robot import Robot
 from seaid.robot.transmission import group_of
 
@@ -511,19 +512,11 @@ def _scale(
     )
     names = [experiment.robot.joint_names[j] for j in joints]
     remedy = _stated(names, [error * (is_of_motors and not exact)] * len(names))
-    of_joints = experiment, dict.fromkeys(joints, factor), channels
     evidence = {"factor": slope} | known | words
+    scaled = experiment, dict.fromkeys(joints, factor), channels, evidence, float(not exact)
     # errors of bodies in the robot file do not explain it
     is_worse = abs(math.log(size)) > math.log(tol.TWICE)
-    return multiplied(
-        CODES[code],
-        case,
-        *of_joints,
-        evidence,
-        float(not exact),
-        remedy=remedy,
-        is_worse=is_worse,
-    )
+    return multiplied(CODES[code], case, *scaled, remedy=remedy, is_worse=is_worse)
 
 
 def _rescaled(
@@ -868,16 +861,16 @@ def log_findings(
     Those of torques and commands are of the `torque_joints`, by default of all.
     """
     used = robot.joint_names if torque_joints is None else torque_joints
-    return observed(OF_LOGS, channels.Logged(robot, logs, used))
+    return observed(OF_LOGS, Logged(robot, logs, used))
 
 
-def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
+def _unmeasured(logged: Logged) -> Iterator[Finding]:
     """Yield what is wrong with torques and commands, see `commands`."""
     for log, look in product(logged.logs, (commands.no_measurements, commands.command_findings)):
         yield from (x for x in look(logged.robot, log) if x.joint in logged.used)
 
 
-def _sizes(logged: channels.Logged) -> Iterator[Finding]:
+def _sizes(logged: Logged) -> Iterator[Finding]:
     """Yield that lengths of the robot file are in mm, or gravity in another unit than m/s^2."""
     model, bodies = logged.robot.model, logged.robot.parameters.reshape(-1, 10)
     of_mass = bodies / np.where(bodies[:, :1] > 0, bodies[:, :1], np.inf)
@@ -898,7 +891,7 @@ def _sizes(logged: channels.Logged) -> Iterator[Finding]:
         yield CODES["gravity"].finding(*of_size)
 
 
-OF_LOGS: Sequence[Check[channels.Logged, Finding]] = (
+OF_LOGS: Sequence[Check[Logged, Finding]] = (
     *channels.OF_LOGS,
     Check(CODES["no-measurement"], (), _unmeasured),
     Check(CODES["geometry"], (), _sizes),

@@ -15,7 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Sources, consequences, only_joint
+from seaid.checks.codes import CODES, consequences, only_joint
 from seaid.checks.engine import looks_for
 from seaid.drives import DEAD_ZONES, PARAMETERS, Drive, ParameterName, readable, unit_of
 from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic
@@ -25,6 +25,7 @@ from seaid.estimation.estimate import ModelChecks
 from seaid.estimation.qr_factor import QRFactor, first_term, triangle
 from seaid.estimation.sdp import Program
 from seaid.log import Motion
+from seaid.log.logged_channels import Sources
 from seaid.regressor import Regression, motor_regressor
 from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot, is_physical

@@ -7,14 +7,15 @@ estimate of T needs its slope, d tau / dT = -c' / N.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import COMMANDS, Drive
+from seaid.drives import COMMANDS, Controller, Drive
 from seaid.errors import LogError
 from seaid.log.channels import column_names, refusal
 from seaid.log.filtering import low_pass, spline_derivatives
@@ -181,3 +182,49 @@ def drive_position(robot: Robot, signals: dict[str, Array], index: int) -> Array
         side = "motor" if drive.is_elastic else "joint"
         raise LogError(f"the commanded drive of '{joint}' has no {side} position in the log")
     return position
+
+
+@dataclass(frozen=True, eq=False)
+class Commanded:
+    """A joint with a controller in a log.
+
+    `command` and `position` (T,) are those at the joint; the position is that of the encoder which
+    the controller sees, of the motor if it was logged. `asked` (T,) is the torque at the joint that
+    the controller would give without its limit.
+    """
+
+    robot: Robot
+    log: Log
+    joint: str
+    law: Controller
+    command: Array
+    position: Array
+    asked: Array
+
+    @property
+    def units(self) -> tuple[str, str]:
+        """The units of torque, or of the force of a sliding joint, and position."""
+        return self.robot.drives[self.joint].joint_units
+
+
+def commanded_joints(robot: Robot, log: Log) -> Iterator[Commanded]:
+    """Yield the joints of a log with position commands that have a controller and an encoder."""
+    assert log.position_command is not None
+    unlimited = {
+        joint: replace(drive, controller=replace(drive.controller, torque_limit_Nm=math.inf))
+        for joint, drive in robot.drives.items()
+        if drive.controller is not None
+    }
+    # the motor torque (T, n) that the controllers would give without a limit
+    asked = with_commanded_torque(robot.with_drives(unlimited), log).motor_torque
+    for joint, drive in robot.drives.items():
+        j, law = log.joint_names.index(joint), drive.controller
+        signals = log.position_command[:, j], controlled_position(log, j, drive.ratio)
+        if law is not None and not any(np.isnan(signal[0]) for signal in signals):
+            yield Commanded(robot, log, joint, law, *signals, drive.ratio * asked[:, j])
+
+
+def controlled_position(log: Log, j: int, ratio: float) -> Array:
+    """Return the position (T,) at joint j that its controller sees, NaN without either encoder."""
+    motor = log.motor_position[:, j] / ratio
+    return log.joint_position[:, j] if np.isnan(motor[0]) else motor

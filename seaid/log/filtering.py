@@ -256,6 +256,12 @@ def is_friction_known(
     return np.asarray(count < 0.5)
 
 
+def long_rests(velocity: Array, fastest: float, samples: float) -> BoolArray:
+    """Return the mask (T,) of a rest that is longer than a number of `samples`."""
+    rests = np.abs(velocity) < STANDSTILL * fastest
+    return runs_that(lambda start, end: end - start > max(samples, 1.0), rests)
+
+
 def _slopes(velocity: Array, rate_hz: float) -> Array:
     """Return the size of the acceleration between each sample and the next one (T,)."""
     return np.append(np.abs(np.diff(velocity)), 0.0) * rate_hz

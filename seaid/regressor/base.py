@@ -113,11 +113,10 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     # takes half the time of an assignment to a row.
     block, stacked = data.jointTorqueRegressor.T.reshape(-1).data, np.empty((len(q), 10 * N * N))
     block, target = block.cast("B"), stacked.reshape(-1).view(np.uint8).data
-    size, compute = len(block), pin.computeJointTorqueRegressor
-    places = range(0, len(target), size)
+    places, compute = range(0, len(target), len(block)), pin.computeJointTorqueRegressor
     for place, q_t, v_t, a_t in zip(places, *robot.model_states(*moved), strict=True):
         compute(model, data, q_t, v_t, a_t)
-        target[place : place + size] = block
+        target[place : place + len(block)] = block
     # (T, 10N N) -> (T, 10N, N) as Pinocchio's columns lie in memory -> (T, N, 10N).
     Y = stacked.reshape(-1, 10 * N, N).swapaxes(1, 2)
     order = robot.model_order

@@ -26,7 +26,7 @@ from seaid.drives.equations import joint_equation
 from seaid.drives.regressor import drive_regressor
 from seaid.errors import LogError
 from seaid.log import Motion, row_samples, standstill
-from seaid.log.filtering import STANDSTILL, is_friction_known, moving, runs_that
+from seaid.log.filtering import is_friction_known, long_rests, moving
 from seaid.log.motion import POSITION_BAND
 from seaid.log.rows import PIECE_SAMPLES, in_band_at, pieces
 from seaid.robot import at_drives, torques_at_drives
@@ -263,9 +263,8 @@ def actuator_equation(
         return spring_regressor(robot, joint), {**by_name, "tau_L": sensed}
     others = [key for key, name in INPUTS.items() if np.all(np.isfinite(by_name[name]))]
     text = f"elastic joint '{joint}' has no torque in the log: motor {kind} or joint torque"
-    if others:
-        key = f'motor_input = "{others[0]}"'
-        text = f"{text}; it has its {others[0]}: write {key} for this joint in the drives file"
+    for name in others[:1]:
+        text += f'; it has its {name}: write motor_input = "{name}" for it in the drives file'
     raise LogError(text)
 
 
@@ -375,9 +374,7 @@ def known_friction(robot: Robot, motion: Motion, joint: str, regressor: DriveReg
     if not is_dry(drive):
         # A reversal, which shows the width of smooth friction, takes less than a period of the
         # cutoff; in a rest, which takes longer, the motor may stick as with dry friction.
-        rests, period = np.abs(speed) < STANDSTILL * fastest, motion.rate_hz / motion.cutoff_hz
-        rests = runs_that(lambda start, end: end - start > max(period, 1.0), rests)
-        return (~rests).astype(float)
+        return np.where(long_rests(speed, fastest, motion.rate_hz / motion.cutoff_hz), 0.0, 1.0)
     band_hz = POSITION_BAND * motion.cutoff_hz
     return is_friction_known(speed, fastest, motion.rate_hz, band_hz).astype(float)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, IndexArray, is_constant, resolution, white_noise
+from seaid._arrays import Array, BoolArray, IndexArray, is_constant, resolution, runs, white_noise
 from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of, refusal
 from seaid.log.filtering import low_pass, runs_that
 from seaid.log.repair import FEWEST, Channel, Repairs, Report
@@ -379,6 +379,33 @@ def saturated(values: Array) -> BoolArray:
         if piled and levels[place] != 0.0:
             stuck |= values == levels[place]
     return stuck
+
+
+def encoder_noise(position: Array) -> float:
+    """Return the standard deviation of noise and resolution of an encoder (T,).
+
+    Noise has 924 times its variance in sixth differences, where a motion leaves little of itself.
+    """
+    # 1.4826 times the median of |x| is the standard deviation of Gaussian noise; outliers and
+    # reversals have no part in it.
+    sixth = 1.4826 * float(np.median(np.abs(np.diff(position, 6)))) / math.sqrt(924)
+    repeats = bool(np.any(np.diff(position) == 0))
+    return float(max(sixth, resolution(position) / math.sqrt(12) if repeats else 0.0))
+
+
+def beyond_extremes(values: Array) -> Array:
+    """Return shapes (T, 2) of what a channel (T,) that is `saturated` may lack at its extremes.
+
+    It is as much all the time, or follows a parabola between the ends of each time at an extreme,
+    as a smooth signal does to second order.
+    """
+    # Single precision, since samples between two equal ones may differ in the last digit.
+    stuck = saturated(values.astype(np.float32))
+    parabola = np.zeros(len(values))
+    for start, end in runs(stuck):
+        place = np.arange(end - start)
+        parabola[start:end] = (place + 1) * (end - start - place)
+    return np.asarray(np.sign(values)[:, None] * np.column_stack([stuck, parabola]))
 
 
 @dataclass
