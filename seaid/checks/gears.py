@@ -606,10 +606,10 @@ def beyond_extremes(side: Side, joint: str) -> Iterator[engine.Candidate]:
     count = sum(np.count_nonzero(shape[:, 0]) for shape in shapes)
     if count:
         sizes = np.sum([np.sum(np.abs(shape), axis=0) for shape in shapes], axis=0) / count
-        columns = side.drive(joint).at_rows([shape / sizes for shape in shapes])
-        columns *= -_constant_of(side, joint)
-        models = tuple(engine.Alternative(column[:, None], 1) for column in columns.T)
-        yield engine.Candidate(joint, "saturation", channel, models)
+        factors = -_constant_of(side, joint) / sizes
+        columns = side.drive(joint).at_rows([factors * shape for shape in shapes])
+        models = (engine.Alternative(column[:, None], 1) for column in columns.T)
+        yield engine.Candidate(joint, "saturation", channel, tuple(models))
 
 
 def beyond_amplifiers(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -625,9 +625,8 @@ def beyond_amplifiers(side: Side, joint: str) -> Iterator[engine.Candidate]:
     rows = side.equation.weighted(np.sign(at_rows) * np.maximum(size - limits, 0.0))
     rest, residual = side.equation.residual_of(rows), side.equation.residual
     shares = (residual @ rest) ** 2 / np.maximum(np.sum(rest**2, axis=0), _LEAST)
-    best = int(np.argmax(shares))
-    if shares[best] > tol.SLIGHT * side.equation.squares():
-        limit = float(limits[best])
+    if np.max(shares) > tol.SLIGHT * side.equation.squares():
+        limit = float(limits[np.argmax(shares)])
         beyond = [np.sign(x) * np.maximum(np.abs(x) - limit, 0.0) for x in inputs]
         column = _constant_of(side, joint) * drive.at_rows(beyond)
         model = engine.Alternative(column, 2, values={"limit": limit})
@@ -670,11 +669,10 @@ def limit_of_motor(side: Side, selection: engine.Selection, finding: Finding) ->
 def is_beyond(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of a motor that gave more, or less, than the extreme that was logged."""
     value, error = float(accepted[0].coefficients[0]), float(accepted[0].errors[0])
-    channel = accepted[0].trial.candidate.term
     if abs(value) < tol.SURE * error:
         return None
     evidence = {"beyond the limit": value, "standard error": error, "explained": share}
-    words = {"quantity": channel.replace("_", " "), "size": abs(value)}
+    words = {"quantity": accepted[0].trial.candidate.term.replace("_", " "), "size": abs(value)}
     of_joint = "beyond" if value > 0 else "less", joint, {**evidence, **words}
     return CODES["saturation"].finding(*of_joint, is_worse=_changes_much(side, accepted))
 

@@ -181,9 +181,8 @@ class DriveRows:
         zeta, R = self.regressor(self.robot, self.joint).evaluate(signals)
         names, values = self.regressor(self.robot, self.joint).names, self.values
         torque = zeta - R @ np.array([values.get(str(name), 0.0) for name in names])
-        band_hz = POSITION_BAND * motion.cutoff_hz
-        smooth = low_pass(torque[:, None], motion.rate_hz, band_hz)[:, 0]
-        return np.asarray(self.robot.drives[self.joint].ratio * smooth)
+        torque *= self.robot.drives[self.joint].ratio
+        return low_pass(torque[:, None], motion.rate_hz, POSITION_BAND * motion.cutoff_hz)[:, 0]
 
     def at_rows(self, parts: Sequence[Array]) -> Array:
         """Return columns (T, c) of torques at the samples of each motion at all rows (R, c).

@@ -326,8 +326,9 @@ def robot_fit(
             residual = _whole(rows, computed, joints), _whole(rows, predicted, joints)
         fits = FrozenMapping(joints, "joint")
         whole = replace(bare, joints=fits, residual=residual, rows_per_parameter=count)
-        usual = np.std([experiment.target, experiment.of_file], axis=1)
-        beyond = {names[j]: size / np.max(usual[:, j]) for j, size in sizes.items()}
+        # a base that moves has no sizes, and no torques of the robot file
+        both = experiment.target, experiment.of_file
+        beyond = {names[j]: x / max(float(np.std(y[:, j])) for y in both) for j, x in sizes.items()}
         whole = replace(whole, beyond=beyond)
     with guarded(CODES["few-rows"], notes):
         whole = replace(whole, predicted=_prediction_errors(experiment, base, load))

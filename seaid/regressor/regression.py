@@ -263,9 +263,8 @@ def actuator_equation(
         return spring_regressor(robot, joint), {**by_name, "tau_L": sensed}
     others = [key for key, name in INPUTS.items() if np.all(np.isfinite(by_name[name]))]
     text = f"elastic joint '{joint}' has no torque in the log: motor {kind} or joint torque"
-    for name in others[:1]:
-        text += f'; it has its {name}: write motor_input = "{name}" for it in the drives file'
-    raise LogError(text)
+    hints = (f'; it has its {x}: write motor_input = "{x}" in the drives file' for x in others)
+    raise LogError(text + next(hints, ""))
 
 
 def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
@@ -375,8 +374,8 @@ def known_friction(robot: Robot, motion: Motion, joint: str, regressor: DriveReg
         # A reversal, which shows the width of smooth friction, takes less than a period of the
         # cutoff; in a rest, which takes longer, the motor may stick as with dry friction.
         return np.where(long_rests(speed, fastest, motion.rate_hz / motion.cutoff_hz), 0.0, 1.0)
-    band_hz = POSITION_BAND * motion.cutoff_hz
-    return is_friction_known(speed, fastest, motion.rate_hz, band_hz).astype(float)
+    rates = motion.rate_hz, POSITION_BAND * motion.cutoff_hz
+    return is_friction_known(speed, fastest, *rates).astype(float)
 
 
 def known_load_friction(robot: Robot, motion: Motion, index: int) -> Array:
