@@ -28,7 +28,7 @@ from seaid.checks.experiment import (
 )
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation.qr_factor import RANK_TOLERANCE, posterior, scaled_svd, triangle
-from seaid.log.logged_channels import moved_zeros
+from seaid.log.description import moved_zeros
 from seaid.regressor.base import regressor_at_drives
 
 

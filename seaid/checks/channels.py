@@ -21,8 +21,14 @@ from seaid.errors import Finding, listed
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
 from seaid.log.channels import UNIT_FACTORS
-from seaid.log.description import as_toml, changed_source
-from seaid.log.logged_channels import Channel, Logged, changed_sources, channels_of
+from seaid.log.description import (
+    Channel,
+    Logged,
+    as_toml,
+    changed_source,
+    changed_sources,
+    channels_of,
+)
 from seaid.log.repair.channels import held_over, saturated, wrap_period
 from seaid.log.usable_parts import REST
 from seaid.regressor.regression import INPUT_FIELDS

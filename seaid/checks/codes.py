@@ -23,8 +23,7 @@ from seaid._arrays import FrozenMapping
 from seaid._files import read_toml, toml_table, toml_text
 from seaid.checks import tolerances as tol
 from seaid.errors import Certainty, Finding, SeaidError, Severity, by_severity, listed
-from seaid.log.description import as_toml
-from seaid.log.logged_channels import Sources
+from seaid.log.description import Entries, as_toml
 
 _FORMS: dict[str, Callable[[Any], float]] = {"abs": abs, "degrees": math.degrees}
 _FORMS |= {"milli": lambda x: 1e3 * x, "half": lambda x: 0.5 * x}
@@ -186,7 +185,7 @@ def in_drives(tables: Mapping[tuple[str, ...], str], before: str = "", only: str
     return Remedy(f"{before}in the drives file{only and f', {only}'}:", lines)
 
 
-def in_description(sources: Sources, log: str = "the log", table: str = "joints") -> Remedy:
+def in_description(sources: Entries, log: str = "the log", table: str = "joints") -> Remedy:
     """Return the remedy that changes channels of a log: {joint: {quantity: its source}}."""
     lines = {
         toml_table(table, name): [f"{key} = {as_toml(source)}" for key, source in entries.items()]

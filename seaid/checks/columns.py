@@ -44,7 +44,7 @@ from seaid.drives.terms import BY_TEMPERATURE, LEVEL_OF, MOTOR_CONSTANTS
 from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
 from seaid.log import Log, Motion
-from seaid.log.logged_channels import Sources, sources_of
+from seaid.log.description import Entries, sources_of
 from seaid.log.rows import in_band_at
 from seaid.regressor import BaseParameters
 from seaid.regressor.base import regressor_at_drives, torque_slopes
@@ -163,7 +163,7 @@ class Side:
         return max(float(np.ptp(motion.joint_position[:, index])) for motion in self.motions)
 
     @property
-    def sources(self) -> Sources:
+    def sources(self) -> Entries:
         """Columns, or entries in the description of the first log: {joint: {quantity: source}}."""
         return sources_of(self.motions)
 

@@ -31,8 +31,7 @@ from seaid.estimation.qr_factor import residual_of
 from seaid.log import Log
 from seaid.log.commands import Commanded, commanded_joints, controlled_position
 from seaid.log.describe.inference import correlation
-from seaid.log.description import changed_source
-from seaid.log.logged_channels import Channel, channels_of
+from seaid.log.description import Channel, changed_source, channels_of
 from seaid.log.repair.channels import encoder_noise
 from seaid.robot import Robot
 

@@ -27,9 +27,8 @@ from seaid.errors import Finding, listed
 from seaid.estimation import qr_factor
 from seaid.estimation.covariance import correlated_rows
 from seaid.log import Motion, row_samples
-from seaid.log.description import changed_source
+from seaid.log.description import Entries, Entry, changed_source, sources_of
 from seaid.log.filtering import moving
-from seaid.log.logged_channels import Source, Sources, sources_of
 from seaid.log.rows import in_band_at
 from seaid.regressor import BaseParameters, base_parameters, joint_torques
 from seaid.regressor.base import regressor_at_drives
@@ -159,12 +158,12 @@ class Experiment:
     inertia: Array
     sprung: BoolArray
     bodies: Array
-    sources: tuple[Sources, ...]
+    sources: tuple[Entries, ...]
     counted: BoolArray
     acting: BoolArray
     has_wrenches: bool = False
 
-    def source(self, j: int, quantity: str, log: int = 0) -> Source:
+    def source(self, j: int, quantity: str, log: int = 0) -> Entry:
         """Return how a quantity of joint j was read."""
         return self.sources[log][self.robot.joint_names[j]][quantity]
 
@@ -184,7 +183,7 @@ class Experiment:
         choices = [[name for name in sides[x] if name in sources][:1] for x in channels]
         return list(dict.fromkeys(name for choice in choices for name in choice))
 
-    def entries(self, j: int, channels: str, **changes: float) -> dict[str, Source]:
+    def entries(self, j: int, channels: str, **changes: float) -> dict[str, Entry]:
         """Return {quantity: source} of `logged`, with the changes of `changed_source`."""
         names = self.logged(j, channels)
         return {name: changed_source(self.source(j, name), **changes) for name in names}
@@ -203,7 +202,7 @@ class Experiment:
         for name in _LARGE:
             vars(self).pop(name, None)
 
-    def described_as(self, sources: Sources, number: int | None = None) -> Experiment:
+    def described_as(self, sources: Entries, number: int | None = None) -> Experiment:
         """Return the experiment whose description has other sources of some quantities.
 
         That is the description of one log by its number, or that of all.
@@ -1118,7 +1117,7 @@ class Transform:
     changed: Experiment
     penalty: float = 0.0
     channels: str = ""
-    sources: Sources = field(default_factory=dict)
+    sources: Entries = field(default_factory=dict)
     log: int | None = None
 
     @property

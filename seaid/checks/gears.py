@@ -43,8 +43,7 @@ from seaid.errors import Finding, listed
 from seaid.estimation.least_squares import settled_weights
 from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
 from seaid.log import Motion, low_pass
-from seaid.log.description import changed_source
-from seaid.log.logged_channels import moved_zeros
+from seaid.log.description import changed_source, moved_zeros
 from seaid.log.motion import POSITION_BAND
 from seaid.log.repair import channels
 from seaid.regressor.base import regressor_at_drives
@@ -603,10 +602,9 @@ def beyond_extremes(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """
     index, channel = side.robot.index(joint), torque_channel(side, joint)
     shapes = [channels.beyond_extremes(getattr(x, channel)[:, index]) for x in side.motions]
-    count = sum(np.count_nonzero(shape[:, 0]) for shape in shapes)
-    if count:
-        sizes = np.sum([np.sum(np.abs(shape), axis=0) for shape in shapes], axis=0) / count
-        factors = -_constant_of(side, joint) / sizes
+    sizes = np.sum(np.abs(np.concatenate(shapes)), axis=0)
+    if sizes[0]:  # the number of samples at an extreme
+        factors = -_constant_of(side, joint) * sizes[0] / sizes
         columns = side.drive(joint).at_rows([factors * shape for shape in shapes])
         models = (engine.Alternative(column[:, None], 1) for column in columns.T)
         yield engine.Candidate(joint, "saturation", channel, tuple(models))
@@ -658,8 +656,7 @@ def limit_of_motor(side: Side, selection: engine.Selection, finding: Finding) ->
     candidates = beyond_extremes(side, finding.joint) if torque_channel(side, finding.joint) else ()
     models = [model for candidate in candidates for model in candidate.alternatives]
     fits = [side.equation.with_alternatives([*accepted, model]).last(1) for model in models]
-    sizes = [abs(float(value[0])) + tol.SURE * float(error[0]) for value, error in fits]
-    most = max(sizes, default=math.inf)
+    most = max((abs(x.item()) + tol.SURE * error.item() for x, error in fits), default=math.inf)
     if most > tol.SLIGHT * finding.evidence["limit"]:
         return None
     evidence = {**finding.evidence, "before": finding.message, "most": most}

@@ -43,7 +43,7 @@ from seaid.checks.experiment import (
 from seaid.errors import Finding, listed
 from seaid.log import Log
 from seaid.log.channels import UNIT_FACTORS
-from seaid.log.logged_channels import Logged, Source
+from seaid.log.description import Entry, Logged
 from seaid.robot import Robot
 from seaid.robot.transmission import group_of
 
@@ -762,7 +762,7 @@ def _exchangeable(experiment: Experiment, i: int, j: int) -> Iterator[str]:
         yield from "s" if np.all(experiment.has_both_torques[[i, j]]) else ""
 
 
-def _of_other(experiment: Experiment, j: int, channels: str, factor: float) -> dict[str, Source]:
+def _of_other(experiment: Experiment, j: int, channels: str, factor: float) -> dict[str, Entry]:
     """Return the sources of joint j for another one, but a torque that its controller computes."""
     if not experiment.robot.has_controllers:
         return experiment.entries(j, channels, factor=factor)

@@ -25,7 +25,7 @@ from seaid.estimation.estimate import ModelChecks
 from seaid.estimation.qr_factor import QRFactor, first_term, triangle
 from seaid.estimation.sdp import Program
 from seaid.log import Motion
-from seaid.log.logged_channels import Sources
+from seaid.log.description import Entries
 from seaid.regressor import Regression, motor_regressor
 from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot, is_physical
@@ -422,7 +422,7 @@ def rigid_gear(joint: str, least: float) -> Finding:
 
 @looks_for(CODES["gear-compliance"])
 def gear_findings(
-    robot: Robot, drives: Mapping[str, Estimate], gears: Collection[str], sources: Sequence[Sources]
+    robot: Robot, drives: Mapping[str, Estimate], gears: Collection[str], sources: Sequence[Entries]
 ) -> Iterator[Finding]:
     """Yield a note on the joints whose stiffness includes that of the gear, but those of `gears`.
 
