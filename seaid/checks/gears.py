@@ -657,7 +657,7 @@ def limit_of_motor(side: Side, selection: engine.Selection, finding: Finding) ->
     models = [model for candidate in candidates for model in candidate.alternatives]
     fits = [side.equation.with_alternatives([*accepted, model]).last(1) for model in models]
     most = max((abs(x.item()) + tol.SURE * error.item() for x, error in fits), default=math.inf)
-    if most > tol.SLIGHT * finding.evidence["limit"]:
+    if most > tol.SLIGHT * finding.evidence.get("limit", 0.0):
         return None
     evidence = {**finding.evidence, "before": finding.message, "most": most}
     return CODES["saturation"].finding("of_motor", finding.joint, evidence)
