@@ -327,7 +327,7 @@ def robot_fit(
         fits = FrozenMapping(joints, "joint")
         whole = replace(bare, joints=fits, residual=residual, rows_per_parameter=count)
         # a base that moves has no sizes, and no torques of the robot file
-        both = experiment.target, experiment.of_file
+        both = (experiment.target, experiment.of_file) if sizes else ()
         beyond = {names[j]: x / max(float(np.std(y[:, j])) for y in both) for j, x in sizes.items()}
         whole = replace(whole, beyond=beyond)
     with guarded(CODES["few-rows"], notes):
