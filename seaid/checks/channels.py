@@ -22,7 +22,7 @@ from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
 from seaid.log.channels import UNIT_FACTORS
 from seaid.log.description import (
-    Channel,
+    LogChannel,
     Logged,
     as_toml,
     changed_source,
@@ -59,12 +59,12 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         yield code.finding("other", "", {**evidence, "unit": unit}, remedy)
 
 
-def _positions(log: Log) -> Iterator[Channel]:
+def _positions(log: Log) -> Iterator[LogChannel]:
     """Yield the positions of a log that change."""
     return channels_of(log, log.joint_names, "motor_position", "joint_position")
 
 
-def _torques(log: Log, used: Collection[str]) -> list[Channel]:
+def _torques(log: Log, used: Collection[str]) -> list[LogChannel]:
     """Return the torques that change, and have a column without a unit."""
     channels = channels_of(log, used, "motor_torque", "joint_torque")
     return [each for each in channels if each.source is not None and "unit" not in each.entry]
@@ -87,7 +87,7 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
             yield CODES["wraps"].finding(*of_joints, joints=tuple(lines))
 
 
-def _offset_of_turn(robot: Robot, channel: Channel, period: float) -> float:
+def _offset_of_turn(robot: Robot, channel: LogChannel, period: float) -> float:
     """Return what to add to a channel that is unwrapped from its first sample on."""
     if channel.quantity in ("motor_torque", "joint_torque"):
         # A first sample in the upper half of the range is a negative one without its sign.
@@ -100,7 +100,7 @@ def _offset_of_turn(robot: Robot, channel: Channel, period: float) -> float:
     return period * float(np.rint((middle - np.mean(np.unwrap(channel.values))) / period))
 
 
-def _period_of_integer(channel: Channel) -> float | None:
+def _period_of_integer(channel: LogChannel) -> float | None:
     """Return scale 2^b if a channel is a signed integer of b bits, read without its sign.
 
     It is at both ends of this range, and not in its middle half.
@@ -113,7 +113,7 @@ def _period_of_integer(channel: Channel) -> float | None:
     return next((period for period in periods if abs(span / period - 1) < tol.FEW), None)
 
 
-def _is_whole(channel: Channel) -> bool:
+def _is_whole(channel: LogChannel) -> bool:
     """Whether the samples of a torque in N m are whole numbers, but not those of an encoder."""
     has_levels = channel.scale == 1 and len(np.unique(channel.values)) >= tol.EVENTS
     return has_levels and not np.any(channel.values % 1) and _period_of_integer(channel) is None
@@ -138,7 +138,7 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
             yield CODES["unit"].finding(*of_joints, joints=tuple(lines))
 
 
-def _rating(robot: Robot, channel: Channel) -> float:
+def _rating(robot: Robot, channel: LogChannel) -> float:
     """Return the limit of the robot file for a torque, at the motor for that of a motor."""
     lever = total_ratio(robot.drives[channel.joint]) if channel.quantity == "motor_torque" else 1.0
     return float(robot.effort_limits[robot.index(channel.joint)]) / abs(lever)

@@ -31,7 +31,7 @@ from seaid.estimation.qr_factor import residual_of
 from seaid.log import Log
 from seaid.log.commands import Commanded, commanded_joints, controlled_position
 from seaid.log.describe.inference import correlation
-from seaid.log.description import Channel, changed_source, channels_of
+from seaid.log.description import LogChannel, changed_source, channels_of
 from seaid.log.repair.channels import encoder_noise
 from seaid.robot import Robot
 
@@ -217,7 +217,7 @@ def no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
         yield _no_measurement(channel, robot.drives[channel.joint], error, is_size, others)
 
 
-def _computed(robot: Robot, log: Log, quantity: str) -> Iterator[tuple[Channel, Array, bool]]:
+def _computed(robot: Robot, log: Log, quantity: str) -> Iterator[tuple[LogChannel, Array, bool]]:
     """Yield the torques that measure none, with the tracking error (T,), and if it is a size."""
     channels = list(channels_of(log, log.joint_names, quantity))
     returns = _returns([channel.values for channel in channels])
@@ -243,7 +243,7 @@ def _tracking_error(log: Log, joint: str, ratio: float) -> Array:
 
 
 def _no_measurement(
-    channel: Channel, drive: Drive, error: Array, is_magnitude: bool, others: Sequence[str]
+    channel: LogChannel, drive: Drive, error: Array, is_magnitude: bool, others: Sequence[str]
 ) -> Finding:
     """Return the finding of a torque or current that is a magnitude, or computed from the error."""
     evidence = {"correlation with the tracking error": abs(correlation(error, channel.values))}

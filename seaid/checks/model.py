@@ -205,15 +205,13 @@ class SideSelection:
 
     def on_limit(self, finding: Finding) -> Finding | None:
         """Return the note on a torque at a limit of the log that these rows settle, else None."""
-        joint, is_open = (
-            finding.joint,
-            (finding.code, finding.severity) == ("saturation", "doubtful"),
-        )
-        if not is_open or joint not in self.side.joints:
+        is_open = (finding.code, finding.severity) == ("saturation", "doubtful")
+        if not is_open or finding.joint not in self.side.joints:
             return None
         names = {x.trial.candidate.name[:2] for x in self.selection.accepted}
-        note = replace(finding, severity="note") if (joint, "saturation") in names else None
-        return note or gears.limit_of_motor(self.side, self.selection, finding)
+        if (finding.joint, "saturation") in names:
+            return replace(finding, severity="note")
+        return gears.limit_of_motor(self.side, self.selection, finding)
 
     def vanished(self, cutoff_hz: float) -> set[tuple[str, str]]:
         """Return what the values show without the accepted columns, and not with them.

@@ -178,9 +178,9 @@ class DriveRows:
         It is that of the motor without its friction and inertia, which the low pass of the
         positions smooths as the motion is.
         """
-        zeta, R = self.regressor(self.robot, self.joint).evaluate(signals)
-        names, values = self.regressor(self.robot, self.joint).names, self.values
-        torque = zeta - R @ np.array([values.get(str(name), 0.0) for name in names])
+        regressor = self.regressor(self.robot, self.joint)
+        zeta, R = regressor.evaluate(signals)
+        torque = zeta - R @ np.array([self.values.get(str(name), 0.0) for name in regressor.names])
         torque *= self.robot.drives[self.joint].ratio
         return low_pass(torque[:, None], motion.rate_hz, POSITION_BAND * motion.cutoff_hz)[:, 0]
 

@@ -53,7 +53,7 @@ def unit_of(drive: Drive, name: str) -> str:
 
 
 def is_smooth(drive: Drive) -> bool:
-    """Whether the drive's friction is a continuous function of speed, known at standstill too."""
+    """Whether the drive's friction is a continuous function of speed, also at a reversal."""
     return bool({*COULOMB[1:]} & set(drive.friction))
 
 

@@ -1,4 +1,8 @@
-"""Log descriptions: the meaning of custom columns as plain data or TOML, checked on reading."""
+"""Log descriptions: the meaning of custom columns as plain data or TOML, checked on reading.
+
+What a log was read by is what a remedy changes: a `LogChannel` has its entry in the description,
+`changed_source` and `moved_zeros` write entries anew.
+"""
 
 from __future__ import annotations
 
@@ -556,14 +560,14 @@ def _check_source(where: str, row: Quantity, source: Source) -> None:
 
 
 Entry = str | Mapping[str, Any]
-"""How a quantity was read: its column, or its entry in the description of a log."""
+"""How a quantity was read, as plain data: its column, or its entry in the description of a log."""
 
 Entries = Mapping[str, Mapping[str, Entry]]
-"""{joint: {quantity: its source}}."""
+"""{joint: {quantity: its entry}}."""
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
+class LogChannel:
     """The samples (T,) of a quantity of a joint, and the `source` in which the log has them."""
 
     joint: str
@@ -596,13 +600,13 @@ class Channel:
         return float(np.max(np.abs(self.values)))
 
 
-def channels_of(log: Log, joints: Collection[str], *quantities: str) -> Iterator[Channel]:
+def channels_of(log: Log, joints: Collection[str], *quantities: str) -> Iterator[LogChannel]:
     """Yield the channels of joints whose samples are all known, and change."""
     sources = log.sources()
     for quantity in (name for name in quantities if getattr(log, name) is not None):
         for joint, values in zip(log.joint_names, getattr(log, quantity).T, strict=True):
             if joint in joints and np.all(np.isfinite(values)) and not is_constant(values):
-                yield Channel(joint, quantity, values, sources[joint].get(quantity))
+                yield LogChannel(joint, quantity, values, sources[joint].get(quantity))
 
 
 def sources_of(motions: Sequence[Motion]) -> Entries:
@@ -635,9 +639,9 @@ def moved_zeros(
     return entries
 
 
-def changed_sources(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, Any]]:
+def changed_sources(changes: Mapping[LogChannel, Mapping[str, float]]) -> Entries:
     """Return {joint: {quantity: source}} of channels with their changes."""
-    sources = dict[str, dict[str, Any]]()
+    sources = dict[str, dict[str, Entry]]()
     for channel, change in changes.items():
         sources.setdefault(channel.joint, {})[channel.quantity] = channel.changed(**change)
     return sources
