@@ -26,7 +26,7 @@ from seaid.errors import Certainty, Finding, SeaidError, Severity, by_severity, 
 from seaid.log.description import Entries, as_toml
 
 _FORMS: dict[str, Callable[[Any], float]] = {"abs": abs, "degrees": math.degrees}
-_FORMS |= {"milli": lambda x: 1e3 * x, "half": lambda x: 0.5 * x}
+_FORMS |= {"milli": lambda x: 1e3 * x, "half": lambda x: 0.5 * x, "inverse": lambda x: 1 / x}
 """{form: function}: a number of the evidence in the unit of a sentence."""
 
 

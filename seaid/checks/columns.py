@@ -13,9 +13,11 @@ from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
+import scipy
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
+from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, EXPLAINED, in_drives, only_joint
 from seaid.checks.engine import Acceptance, Check, ColumnCheck, Need
 from seaid.checks.terms import (
@@ -27,16 +29,6 @@ from seaid.checks.terms import (
     term_candidates,
     toml_of,
     with_term,
-)
-from seaid.checks.tolerances import (
-    FEW,
-    LEAST_RANGE_K,
-    LEAST_SWING,
-    MATTERS,
-    MOST,
-    POOR,
-    SURE,
-    TWICE,
 )
 from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
 from seaid.drives.drives import DefaultTerms
@@ -53,6 +45,9 @@ from seaid.robot import Robot
 from seaid.robot.transmission import rows_at_drives
 
 SideNeed = Need["Side", str]
+
+FACTORS = ("gain_scale", "motor_inertia", "known_mass")
+"""Candidates whose coefficient is the relative change of a given value."""
 
 SCALES = {*MOTOR_CONSTANTS.values(), "gain_scale"}
 """Parameters that turn what is logged of a motor into its torque."""
@@ -104,7 +99,7 @@ class Side:
         if joint not in self.actuators:
             return False
         friction, error = self.motor_values(joint).get("coulomb_friction", (0.0, 0.0))
-        return self.is_motor or friction >= -SURE * error
+        return self.is_motor or friction >= -tol.SURE * error
 
     def has_gains(self, joint: str) -> bool:
         """Whether the torque of a joint is that of a controller whose gains are given."""
@@ -140,16 +135,18 @@ class Side:
         return dict(zip(self.equation.rows.names, pairs, strict=False))  # the columns are the last
 
     def keeps_scale(self, accepted: Acceptance) -> bool:
-        """Whether unknown constants of motors stay positive next to what was accepted.
+        """Whether constants stay positive next to what was accepted: unknown and given ones.
 
         What carries the bodies in place of a motor explains every torque: its constant is zero.
         """
+        if any(x.trial.candidate.field in FACTORS and x.coefficients[0] <= -1 for x in accepted):
+            return False
         places = [k for k, x in enumerate(self.equation.rows.names) if x.quantity in SCALES]
         if not places:
             return True
         larger = self.equation.with_alternatives(x.trial.alternative for x in accepted)
         values, errors = larger.last_of_blocks(larger.rows.H.shape[1])
-        return bool(np.all(values[places] > SURE * errors[places]))
+        return bool(np.all(values[places] > tol.SURE * errors[places]))
 
     def changed_by(self, accepted: Acceptance) -> dict[str, Array]:
         """Return the changes (p,) of the parameters in standard errors and in per cent."""
@@ -200,14 +197,22 @@ class Side:
         fitted = self.equation.values[: len(self.base.grouping)] - self.base.project(usual)
         return np.asarray(usual + self.base.least(fitted) + self.robot.known_parameters)
 
-    @cached_property
+    @property
     def torque_of_known(self) -> Array:
-        """The torque (R, 1) of the known bodies at the rows."""
-        if not self.robot.known_bodies and self.base is not None:  # payloads: by the base columns
-            payload = self.base.project(self.robot.payload_parameters)
-            return self.equation.rows.H[:, : len(payload)] @ payload[:, None]
-        known = self.robot.known_parameters[:, None]
-        return self.filtered(lambda *states: regressor_at_drives(self.robot, *states) @ known)
+        """The torque (R, 1) of the known bodies and the payloads at the rows."""
+        return np.asarray(np.sum(self.torques_of_known, axis=1, keepdims=True))
+
+    @cached_property
+    def torques_of_known(self) -> Array:
+        """The torques (R, K + 1) at the rows of the K known bodies, and of the payloads."""
+        robot, payload = self.robot, self.robot.payload_parameters
+        if not robot.known_bodies and self.base is not None:  # payloads: by the base columns
+            own = self.base.project(payload)
+            return self.equation.rows.H[:, : len(own)] @ own[:, None]
+        # (10N, N) each body alone in its column
+        each = scipy.linalg.block_diag(*robot.parameters.reshape(-1, 10)).T
+        parts = np.column_stack([each[:, np.isin(robot.body_names, robot.known_bodies)], payload])
+        return self.filtered(lambda *states: regressor_at_drives(robot, *states) @ parts)
 
     def _at_rows(self, of_motion: Callable[[Motion, Array, IndexArray], Array]) -> Array:
         """Return at the rows (R, k) what a function has at samples of a motion (samples, n, k).
@@ -290,7 +295,8 @@ def _friction(side: Side, joint: str) -> list[engine.Candidate]:
         # the closed loop of a drive with a controller shows errors over its position
         terms.append("coulomb_position")
     warmth = np.concatenate([by_name["Delta_T"] for by_name in side.drive(joint).signals])
-    terms += BY_TEMPERATURE if np.ptp(warmth) >= LEAST_RANGE_K else ()  # NaN if it is not logged
+    # a temperature that is not logged is NaN
+    terms += BY_TEMPERATURE if np.ptp(warmth) >= tol.LEAST_RANGE_K else ()
     return _terms(side, joint, "friction", terms)
 
 
@@ -329,7 +335,7 @@ def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     values = zip(found.trial.alternative.names, found.coefficients.tolist(), strict=True)
     if (candidate.field, candidate.term) == ("spring", "damping"):
         viscous, error = side.next_to(found).get("viscous_friction", (0.0, 0.0))
-        if viscous < -SURE * error:
+        if viscous < -tol.SURE * error:
             return True
     return any(name in positive and value < 0 for name, value in values)
 
@@ -339,13 +345,12 @@ def _missing_terms(side: Side, joint: str, accepted: Acceptance, share: float) -
 
     Next to other weights the residual may be as large as before, or larger: these explain nothing.
     """
-    if share < FEW or any(_is_impossible(side, x) for x in accepted):
+    if share < tol.FEW or any(_is_impossible(side, x) for x in accepted):
         return None
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
     terms, is_spring = [trial.candidate.term for trial in trials], field == "spring"
     words = {"terms": " and ".join(f"'{term}'" for term in terms), "field": field}
-    words["explained part"] = f"{share:.0%}"
     words["equation"] = "motor" if side.is_motor else "torque"
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
@@ -371,7 +376,7 @@ def _lines_of_terms(
 
 def _matters(side: Side, joint: str, trials: Sequence[engine.Trial], share: float) -> bool:
     """Whether terms that a drive lacks matter, and are no effect of the sampling or of gravity."""
-    if share <= MATTERS or _is_sampled(side, joint, trials):
+    if share <= tol.MATTERS or _is_sampled(side, joint, trials):
         return False
     if trials[0].candidate.field != "parallel_spring":
         return True
@@ -380,8 +385,8 @@ def _matters(side: Side, joint: str, trials: Sequence[engine.Trial], share: floa
     before = side.unexplained(joint)
     # A share is one of squares, an unexplained part one of rms values.
     after = before * float(np.sqrt(max(1 - share, 0.0)))
-    is_exact = 1 - share < POOR and not side.robot.known_bodies
-    return (is_exact or before > MOST) and after < MOST
+    is_exact = 1 - share < tol.POOR and not side.robot.known_bodies
+    return (is_exact or before > tol.MOST) and after < tol.MOST
 
 
 def _is_sampled(side: Side, joint: str, trials: Sequence[engine.Trial]) -> bool:
@@ -393,22 +398,17 @@ def _is_sampled(side: Side, joint: str, trials: Sequence[engine.Trial]) -> bool:
     # Next to dry friction a width of up to twice that which the logs resolve is that of an encoder
     # step or of a sample.
     width = trials[0].alternative.values.get("coulomb_width", np.inf)
-    return is_dry(drive) and len(trials) == 1 and width <= TWICE * side.widths.get(joint, 0.0)
+    return is_dry(drive) and len(trials) == 1 and width <= tol.TWICE * side.widths.get(joint, 0.0)
 
 
 def _gain_is_scaled(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of gains in another unit, or of bodies that are heavier or lighter."""
-    times, error = _factor(accepted[0], 1.0)
-    if times <= 0:
-        return None
-    evidence = {"torque over that of the known bodies": times, "standard error": error}
-    evidence[EXPLAINED] = share
+    evidence = _factor(accepted[0], share)
     if others := _contradicting(side, joint):
         return CODES["gain-scale"].finding("differs", joint, {**evidence, "others": listed(others)})
     before = "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
     lines = in_drives({(joint, "controller"): "is_up_to_scale = true"}, before)
-    words = {"inverse": f"{1 / times:.3g}"}
-    return CODES["gain-scale"].finding("alone", joint, {**evidence, **words}, lines)
+    return CODES["gain-scale"].finding("alone", joint, evidence, lines)
 
 
 def _unknown_scales(robot: Robot, joints: Sequence[str]) -> Iterator[Finding]:
@@ -431,30 +431,28 @@ def _known_rotors(side: Side, joint: str) -> Iterator[engine.Candidate]:
     With y = tau_M - I_M theta_M'' and a torque that is s times too large, y has (s - 1) I_M
     theta_M'' more: next to a spring of any stiffness the rotor is the scale of the torque.
     """
-    acceleration = side.drive(joint).signal("theta_M_ddot")
-    yield engine.linear_candidate(joint, "motor_inertia", "", acceleration)
+    inertia = side.robot.drives[joint].values["motor_inertia"]
+    torque = inertia * side.drive(joint).signal("theta_M_ddot")
+    yield engine.linear_candidate(joint, "motor_inertia", "", torque)
 
 
 def _rotor_is_other(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of a known rotor inertia that the motor equation contradicts."""
-    times, error = _factor(accepted[0], side.robot.drives[joint].values["motor_inertia"])
-    if times <= 0:
-        return None
-    scale = CODES["torque-scale"]
+    evidence, scale = _factor(accepted[0], share), CODES["torque-scale"]
+    times = evidence["factor"]
     off = f"{max(times, 1 / times):.3g} times too {'large' if times > 1 else 'small'}"
-    evidence = {"rotor inertia over the given one": times, "standard error": error}
     words = {"off": off, "implied": scale.implies}
     remedy = f"{scale.measurement}: if the torque is right, remove motor_inertia_kg_m2 of the "
     remedy += "drive to have it identified"
-    matters = share > MATTERS and bool(abs(np.log(times)) > 2 * POOR)
-    of_joint = "motion", joint, {**evidence, EXPLAINED: share, **words}, remedy, matters
+    matters = share > tol.MATTERS and bool(abs(np.log(times)) > 2 * tol.POOR)
+    of_joint = "motion", joint, {**evidence, **words}, remedy, matters
     return CODES["rotor-inertia"].finding(*of_joint)
 
 
-def _factor(accepted: engine.Accepted, known: float) -> tuple[float, float]:
-    """Return 1 + b / x of a coefficient b next to a known value x, and its standard error."""
-    (change,), (error,) = accepted.coefficients / known, accepted.errors / known
-    return 1.0 + float(change), float(error)
+def _factor(accepted: engine.Accepted, share: float) -> dict[str, float]:
+    """Return the evidence of one of the `FACTORS`: its value, and its standard error."""
+    (change,), (error,) = accepted.coefficients.tolist(), accepted.errors.tolist()
+    return {"factor": 1.0 + change, "standard error": error, EXPLAINED: share}
 
 
 def _contradicting(side: Side, joint: str) -> list[str]:
@@ -467,29 +465,48 @@ def _contradicting(side: Side, joint: str) -> list[str]:
     columns = np.hstack([_known_torque(side, x) for x in (*alike, joint)])
     equation = side.equation.with_alternatives([engine.Alternative(columns, columns.shape[1])])
     factors, errors = equation.last(columns.shape[1])
-    apart = np.abs(factors - factors[-1]) > SURE * np.hypot(errors, errors[-1])
+    apart = np.abs(factors - factors[-1]) > tol.SURE * np.hypot(errors, errors[-1])
     return [name for name, is_apart in zip(alike, apart, strict=False) if is_apart]
+
+
+def known_bodies(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield the torque of each known body of a joint, of which y has a part if it is heavier.
+
+    A centre that is off looks like the zero of the joint, see `gears.zeros`, or like a mass.
+    """
+    robot, known = side.robot, [x for x in side.robot.body_names if x in side.robot.known_bodies]
+    for link, torque in zip(known, side.torques_of_known.T, strict=False):
+        if robot.joint_of(robot.body_names.index(link)) == joint:
+            yield engine.linear_candidate(joint, "known_mass", link, torque[:, None])
+
+
+def bodies_differ(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
+    """Return the finding of known bodies that are heavier or lighter than given."""
+    factors = {x.trial.candidate.term: [*_factor(x, share).values()][:2] for x in accepted}
+    # Known bodies are wrong by a tenth of what others are (`Experiment.widths`).
+    if all(abs(x - 1) < tol.POOR * tol.BODY + tol.SURE * error for x, error in factors.values()):
+        return None
+    texts = (f"{link} is {x:.3g} +- {error:.2g} times" for link, (x, error) in factors.items())
+    evidence = {f"mass of {link} over the given one": x for link, (x, _) in factors.items()}
+    of_bodies = "known", joint, {**evidence, EXPLAINED: share, "bodies": listed(texts)}
+    return CODES["nominal-values"].finding(*of_bodies, is_worse=share > tol.MATTERS)
 
 
 MOTOR_SIDE = SideNeed("the motor equation of a spring", lambda side, _: side.is_motor)
 LOAD_SIDE = SideNeed("the load side", lambda side, _: not side.is_motor)
 SPRING = SideNeed("a spring without play", lambda side, joint: side.has_spring(joint))
-MOTION = SideNeed("a joint that moves", lambda side, joint: side.swing(joint) >= LEAST_SWING)
+MOTION = SideNeed("a joint that moves", lambda side, joint: side.swing(joint) >= tol.LEAST_SWING)
 HELD_BASE = SideNeed("a base that is held", lambda side, _: side.robot.base_is_held)
 _KNOWN_BODIES = SideNeed("known bodies", lambda side, _: bool(np.any(side.robot.known_parameters)))
 _GAINS = SideNeed("a controller with its gains", lambda side, joint: side.has_gains(joint))
+_OF_GAINS = (LOAD_SIDE, _GAINS, _KNOWN_BODIES, HELD_BASE)
 _KNOWN_ROTOR = SideNeed("a known rotor inertia", lambda side, joint: side.has_known_rotor(joint))
 
 DRIVE_CHECKS = (
     ColumnCheck(CODES["missing-term"], (), _friction, _missing_terms),
     ColumnCheck(CODES["missing-term"], (LOAD_SIDE, MOTION), _parallel_springs, _missing_terms),
     ColumnCheck(CODES["missing-term"], (LOAD_SIDE, SPRING), _joint_friction, _missing_terms),
-    ColumnCheck(
-        CODES["gain-scale"],
-        (LOAD_SIDE, _GAINS, _KNOWN_BODIES, HELD_BASE),
-        _gain_scales,
-        _gain_is_scaled,
-    ),
+    ColumnCheck(CODES["gain-scale"], _OF_GAINS, _gain_scales, _gain_is_scaled),
     ColumnCheck(CODES["nonlinear-spring"], (MOTOR_SIDE,), _spring_laws, _missing_terms),
     ColumnCheck(CODES["rotor-inertia"], (MOTOR_SIDE, _KNOWN_ROTOR), _known_rotors, _rotor_is_other),
 )

@@ -12,10 +12,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
 from itertools import chain, compress, product
+from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray
+from seaid._files import toml_text
 from seaid.checks import codes, columns, engine, gears
 from seaid.checks.codes import CODES, EXPLAINED, Cause, joints_of, notes_beside, undecided
 from seaid.checks.columns import DRIVE_CHECKS, Side, SideNeed
@@ -65,22 +67,41 @@ def _is_another_set_up(
     of_each = np.hstack([_of_log(side, x).columns[:, ~is_fixed] for x in further])
     with_friction = side.equation.with_alternatives([engine.Alternative(of_each, 0)])
     explained, scores, _ = _explained_by(with_friction, own, is_fixed)
-    if explained >= MATTERS and scores:
-        words = {"logs": " and log ".join(numbers)}
-        return _of_logs(side, joint, "set-up", explained, scores, words)
-    return _in_friction(side, joint, of_each, ~is_fixed)
+    case, remedy = "set-up", None
+    if not scores:
+        case, (explained, scores, remedy) = "friction", _in_friction(side, of_each, ~is_fixed)
+    evidence = {EXPLAINED: explained, "logs": " and log ".join(numbers)}
+    return _of_scores(side, joint, case, scores, evidence, remedy)
 
 
-def _in_friction(side: Side, joint: str, of_each: Array, is_free: BoolArray) -> Finding | None:
-    """Return the finding of logs of another temperature, by own columns of each of them."""
+def _of_scores(
+    side: Side, joint: str, case: str, scores: Scores, evidence: dict[str, Any], remedy: str | None
+) -> Finding | None:
+    """Return the finding of logs that differ, with the values that do so most, if any do."""
+    if not scores:
+        return None
+    # a column of a motor equation has no owner
+    worst, named = sorted(scores, key=scores.__getitem__)[:-4:-1], joint * side.is_motor
+    evidence["standard errors"] = scores[worst[0]]
+    evidence["differing"] = listed(first_term(readable(x.at(x.owner or named))) for x in worst)
+    evidence["sizes"] = listed(f"{scores[x]:.0f}" for x in worst)
+    evidence["equation"] = f"motor equation of {joint}" if side.is_motor else "torque equations"
+    return CODES["logs-differ"].finding(case, named, evidence, remedy)
+
+
+def _in_friction(side: Side, of_each: Array, is_free: BoolArray) -> tuple[float, Scores, str]:
+    """Return what friction explains that each log has for itself, its scores, and the remedy.
+
+    There are no scores if it is not friction that differs.
+    """
     explained, *values = _explained_by(side.equation, of_each, is_free)
     scores, lowest = ({x: y for x, y in z.items() if x.quantity in _FRICTION} for z in values)
     # Friction that takes up errors of the model is negative in some logs: that is no temperature.
-    if explained < MATTERS or not scores or min(lowest.values()) < -SURE:
-        return None
-    specific = ", ".join(f'"{x}"' for x in sorted({"spring_offset", *(x.quantity for x in scores)}))
-    remedy = f"give each log a condition of its own, with condition_specific = [{specific}]"
-    return _of_logs(side, joint, "friction", explained, scores, {}, remedy)
+    is_other = min(lowest.values(), default=0.0) < -SURE
+    specific = sorted({"spring_offset", *(x.quantity for x in scores)})
+    names = ", ".join(map(toml_text, specific))
+    remedy = f"give each log a condition of its own, with condition_specific = [{names}]"
+    return explained, {} if is_other else scores, remedy
 
 
 Scores = Mapping[ParameterName, float]
@@ -93,8 +114,8 @@ def _explained_by(
     """Return the part of the squared residual that columns explain, and {name: largest score}.
 
     The columns (R, k p) are those of the p `kept` parameters, of one log after the other. A score
-    is a value over its standard error, of which the significant ones count. Last comes the lowest
-    value that a log has of each parameter, over the same error.
+    is a value over its standard error, of which the significant ones count, none if little is
+    explained. Last comes the lowest value that a log has of each parameter, over the same error.
     """
     larger = equation.with_alternatives([engine.Alternative(columns, 0)])
     values, errors = larger.last(columns.shape[1])
@@ -104,28 +125,9 @@ def _explained_by(
     lowest = np.min(scores + first / errors.reshape(shape), axis=0).tolist()
     names = list(compress(equation.rows.names, kept))
     explained = 1 - larger.squares() / max(equation.squares(), 1e-300)
-    significant = {x: y for x, y in zip(names, largest, strict=True) if y > SIGNIFICANT}
+    least = SIGNIFICANT if explained >= MATTERS else np.inf
+    significant = {x: y for x, y in zip(names, largest, strict=True) if y > least}
     return explained, significant, dict(zip(names, lowest, strict=True))
-
-
-def _of_logs(
-    side: Side,
-    joint: str,
-    case: str,
-    explained: float,
-    scores: Scores,
-    words: Mapping[str, str],
-    remedy: str | None = None,
-) -> Finding:
-    """Return the finding of logs that differ, with the values that do so most."""
-    # a column of a motor equation has no owner
-    worst, named = sorted(scores, key=scores.__getitem__)[:-4:-1], joint * side.is_motor
-    differing = listed(first_term(readable(x.at(x.owner or named))) for x in worst)
-    evidence = {EXPLAINED: explained, "standard errors": scores[worst[0]], **words}
-    evidence["sizes"] = listed(f"{scores[x]:.0f}" for x in worst)
-    evidence["equation"] = f"motor equation of {joint}" if side.is_motor else "torque equations"
-    evidence["differing"] = differing
-    return CODES["logs-differ"].finding(case, named, evidence, remedy)
 
 
 _FRICTION = {*chain(*PARAMETERS_OF["friction"].values(), *PARAMETERS_OF["joint_friction"].values())}
@@ -143,6 +145,9 @@ _TURNS = SideNeed("a joint that turns", lambda x, j: not x.robot.is_prismatic[x.
 # an offset moves the commands as well: `commands` looks at it
 _NO_CONTROLLERS = SideNeed("no controllers", lambda side, _: not side.robot.has_controllers)
 _BODIES = SideNeed("bodies that are fitted", lambda side, _: side.base is not None)
+_OF_BODIES = (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS)
+_OF_KNOWN = (*_OF_BODIES, SideNeed("known bodies", lambda x, _: bool(x.robot.known_bodies)))
+_OF_ANGLES = (*_OF_BODIES, _TURNS, columns.MOTION)
 
 GEAR_CHECKS = (
     ColumnCheck(CODES["transmission-error"], (columns.MOTOR_SIDE,), gears.orders, gears.periodic),
@@ -154,7 +159,7 @@ GEAR_CHECKS = (
     ColumnCheck(CODES["saturation"], (_COMMAND,), gears.beyond_amplifiers, gears.is_amplifier),
     ColumnCheck(
         CODES["encoder-offset"],
-        (columns.LOAD_SIDE, _BODIES, columns.HELD_BASE, _NO_CONTROLLERS, _TURNS, columns.MOTION),
+        (*_OF_BODIES, _TURNS, columns.MOTION),
         gears.zeros,
         gears.zero_is_off,
     ),
@@ -164,6 +169,7 @@ GEAR_CHECKS = (
 
 COLUMN_CHECKS = (
     *(*DRIVE_CHECKS, *GEAR_CHECKS),
+    ColumnCheck(CODES["nominal-values"], _OF_KNOWN, columns.known_bodies, columns.bodies_differ),
     ColumnCheck(CODES["logs-differ"], (), _other_set_ups, _is_another_set_up),
 )
 """The checks of an equation, in the order in which their findings are listed."""

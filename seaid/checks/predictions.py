@@ -37,9 +37,8 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
 def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the note on joints that a validation simulates from their motor angles."""
     if joints:
-        yield CODES["motor-side"].note(
-            "simulated", only_joint(joints), {"names": ", ".join(joints)}
-        )
+        names = {"names": ", ".join(joints)}
+        yield CODES["motor-side"].note("simulated", only_joint(joints), names)
 
 
 # Replays

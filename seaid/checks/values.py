@@ -93,9 +93,8 @@ def noise_findings(estimate: Estimate) -> Iterator[Finding]:
     yield from _drifts(shown)
     for name, share in shown.instruments.items():
         if share < tol.POOR:
-            yield CODES["weak-instruments"].finding(
-                "weak", "", {"partial R^2": share, "name": name}
-            )
+            weak = {"partial R^2": share, "name": name}
+            yield CODES["weak-instruments"].finding("weak", "", weak)
 
 
 def _drifts(shown: Diagnostics) -> Iterator[Finding]:
@@ -127,9 +126,8 @@ def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> 
             name = readable(ParameterName(term.terms[0], joint) if joint else term.terms[0])
             # A torque offset is in no drives file: identify adds it.
             what = "seaid adds it" if "torque_offset" in term.terms[0] else "remove the term"
-            yield CODES["needless-term"].note(
-                "bic", "", {"BIC": term.bic, "name": name, "what": what}
-            )
+            evidence = {"BIC": term.bic, "name": name, "what": what}
+            yield CODES["needless-term"].note("bic", "", evidence)
     for name, white in checks.whiteness.items():
         if white.first > 1 - tol.POOR:
             evidence = {"autocorrelation": white.first, "name": name, "side": side}
@@ -354,9 +352,8 @@ def shared_scale(std: float) -> Finding:
 def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the note on joints whose motor constants rest on known bodies, which are exact."""
     if joints:
-        yield CODES["torque-scale"].finding(
-            "bodies", only_joint(joints), {"joints": listed(joints)}
-        )
+        names = {"joints": listed(joints)}
+        yield CODES["torque-scale"].finding("bodies", only_joint(joints), names)
 
 
 # Bodies

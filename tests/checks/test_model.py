@@ -506,7 +506,7 @@ def test_a_known_rotor_is_the_scale_of_the_torque_at_a_spring(torque: float, rot
     found = identify(robot, of_joint(leg_log(3), leg().index(joint), motor_torque=torque))
     (finding,) = (x for x in found.warnings if x.code == "rotor-inertia")
     assert (finding.severity, finding.joint) == ("doubtful", joint)
-    times = finding.evidence["rotor inertia over the given one"]
+    times = finding.evidence["factor"]
     assert abs(times - torque / rotor) < 3 * finding.evidence["standard error"] < 0.3
     assert "by its constant" in finding.message
     assert "motor_inertia_kg_m2 = " not in finding.remedy
@@ -592,6 +592,19 @@ def test_known_bodies_leave_open_whether_a_zero_or_their_centre_is_off() -> None
     (finding,) = (finding for finding in findings if finding.code == "encoder-offset")
     assert finding.severity == "note"
     assert "or centres of known bodies are off as much" in finding.message
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.3])
+def test_a_known_body_with_another_mass_is_named(factor: float) -> None:
+    robot = leg(TEST_MASS)
+    bodies = robot.parameters.reshape(-1, 10).copy()
+    bodies[robot.body_names.index("shank")] *= factor
+    known = replace(robot.with_values(bodies.ravel(), robot.drives), known_bodies=("shank", "foot"))
+    named = [x for x in identify(known, leg_log(3)).warnings if x.code == "nominal-values"]
+    assert [(x.joint, x.severity) for x in named] == [("knee_pitch", "doubtful")] * (factor > 1)
+    for finding in named:
+        mass = finding.evidence["mass of shank over the given one"]
+        assert mass == pytest.approx(1 / 1.3, abs=0.04)  # three standard errors
 
 
 def test_logs_of_two_set_ups_are_named_and_conditions_repair_it() -> None:
