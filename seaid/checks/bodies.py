@@ -52,8 +52,7 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
         if tilt >= tol.SLIGHT:
             text = ",".join(f"{x:.4g}" for x in size * direction + 0.0)
             evidence = {"tilt [deg]": math.degrees(tilt), "direction": text}
-            is_wrong = tilt > tol.POOR
-            of_direction = "direction", "", evidence, codes.with_gravity(text), is_wrong
+            of_direction = "direction", "", evidence, codes.with_gravity(text), tilt > tol.POOR
             finding = CODES["gravity"].finding(*of_direction)
             yield Transform(finding, _with_gravity(experiment, size * direction), penalty)
 

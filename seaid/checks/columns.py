@@ -445,8 +445,7 @@ def _rotor_is_other(side: Side, joint: str, accepted: Acceptance, share: float) 
     remedy = f"{scale.measurement}: if the torque is right, remove motor_inertia_kg_m2 of the "
     remedy += "drive to have it identified"
     matters = share > tol.MATTERS and bool(abs(np.log(times)) > 2 * tol.POOR)
-    of_joint = "motion", joint, {**evidence, **words}, remedy, matters
-    return CODES["rotor-inertia"].finding(*of_joint)
+    return CODES["rotor-inertia"].finding("motion", joint, {**evidence, **words}, remedy, matters)
 
 
 def _factor(accepted: engine.Accepted, share: float) -> dict[str, float]:
@@ -487,8 +486,7 @@ def bodies_differ(side: Side, joint: str, accepted: Acceptance, share: float) ->
     if all(abs(x - 1) < tol.POOR * tol.BODY + tol.SURE * error for x, error in factors.values()):
         return None
     texts = (f"{link} is {x:.3g} +- {error:.2g} times" for link, (x, error) in factors.items())
-    evidence = {f"mass of {link} over the given one": x for link, (x, _) in factors.items()}
-    of_bodies = "known", joint, {**evidence, EXPLAINED: share, "bodies": listed(texts)}
+    of_bodies = "known", joint, {**_factor(accepted[0], share), "bodies": listed(texts)}
     return CODES["nominal-values"].finding(*of_bodies, is_worse=share > tol.MATTERS)
 
 

@@ -1001,15 +1001,16 @@ def _changed(experiment: Experiment, changes: Sequence[Change], values: Array) -
 
 
 def best_factors(
-    experiment: Experiment, change: Change, least: float = tol.SURE
+    experiment: Experiment, change: Change, least: float = tol.SURE, smallest: float = tol.SLIGHT
 ) -> Iterator[tuple[float, float, float]]:
     """Yield factors near the `best_value` of their logarithm as (factor, relative error, penalty).
 
     They are the fitted one, whose penalty is 1, and the usual ones near it, which are no fitted
-    number and have none. There are none if the factor may be 1, within the `least` errors.
+    number and have none. There are none if the factor may be 1, within the `least` errors, or is
+    off by less than the `smallest` part.
     """
     log_factor, error = best_value(experiment, change)
-    if abs(log_factor) > max(tol.SLIGHT, least * error):
+    if abs(log_factor) > max(smallest, least * error):
         fitted = math.exp(log_factor)
         yield from ((factor, error, float(factor == fitted)) for factor in near(fitted))
 

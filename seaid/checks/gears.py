@@ -736,11 +736,8 @@ def late_channels(
         for joint, channel in channels.items()
     }
     late = f"{next(iter(channels.values())).replace('_', ' ')}s"
-    words = {
-        "channels": late,
-        "joints": ", ".join(channels),
-        "late": "late" if delay > 0 else "early",
-    }
+    words = {"channels": late, "joints": ", ".join(channels)}
+    words["late"] = "late" if delay > 0 else "early"
     words["others"] = "motor positions" if late == "joint positions" else "positions"
     evidence = {"delay [s]": delay, "standard error [s]": error, "explained": share}
     remedy = codes.in_description(entries)
@@ -866,18 +863,19 @@ def _searched_zero(side: Side, joint: str, start: float) -> tuple[float, float]:
 def zero_is_off(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of a joint whose zero is not that of the robot file.
 
-    An angle beyond a turn, or one that is not determined, stands for something else: over an
-    interval beyond half a radian, 5 standard errors of a tenth, torques are not linear in it. Alone
-    an echo of another joint's angle has another sign than next to that. Known bodies whose centres
-    of mass lie in another direction have the same torque.
+    An angle that is not determined stands for something else: over an interval beyond half a
+    radian, 5 standard errors of a tenth, torques are not linear in it. Alone an echo of another
+    joint's angle has another sign or size than next to that. Known bodies whose centres of mass lie
+    in another direction have the same torque.
     """
-    (next_to_others,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
-    offset = next_to_others
+    (near,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    offset = near  # next to what else was accepted
     # The effect of a smaller offset is linear, and the errors contain it.
     if abs(offset) > tol.SURE * side.offset_std:
         offset, error = _searched_zero(side, joint, offset)
     is_sure = abs(offset) >= tol.SIGNIFICANT * error and error <= tol.POOR
-    if not is_sure or abs(offset) > np.pi or offset * next_to_others < 0:
+    # to first order an angle x has a torque of sin(x), which is half of it at 1.9 rad
+    if not is_sure or not 1 / tol.TWICE < near / offset < tol.TWICE:
         return None
     is_known, rival = bool(side.robot.known_bodies), ", or centres of known bodies are off as much"
     # Known bodies are wrong by a tenth of what others are (`Experiment.widths`).

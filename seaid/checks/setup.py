@@ -16,7 +16,7 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import permutations, product
+from itertools import chain, permutations, product
 from operator import attrgetter
 
 import numpy as np
@@ -670,18 +670,27 @@ def _behind_gears(experiment: Experiment, joints: Sequence[int], factor: float) 
 
 
 def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
-    for j, scale in experiment.scales.items():
-        joint, inertias, rotor = experiment.robot.joint_names[j], experiment.inertia, scale.rotor
-        if j not in experiment.doubted or not rotor > 0 or abs(rotor - 1) < tol.SLIGHT:
-            continue
-        # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
-        for factor in near(rotor, experiment.lever[j] ** 2):
-            inertia = np.where(np.arange(len(inertias)) == j, inertias * factor, inertias)
-            evidence = {"ratio": factor, "inertia": inertia[j], "given inertia": inertias[j]}
-            lines = in_drives({(joint,): f"motor_inertia_kg_m2 = {inertia[j]:.4g}"})
-            finding = CODES["rotor-inertia"].finding("given", joint, evidence, lines)
-            changed = experiment.with_changes(inertia=inertia)
-            yield Transform(finding, changed, penalty=float(factor == rotor))
+    """Yield rotor inertias: of each joint, and of all that are off, as by another unit."""
+    rotors = {j: x.rotor for j, x in experiment.scales.items() if j in experiment.doubted}
+    off = {j: x for j, x in rotors.items() if x > 0 and abs(x - 1) >= tol.SLIGHT}
+    # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
+    alone = ({j: x} for j in off for x in near(off[j], experiment.lever[j] ** 2))
+    for factors in chain(alone, [off] * (len(off) > 1)):
+        yield _with_rotors(experiment, factors, sum(x == off[j] for j, x in factors.items()))
+
+
+def _with_rotors(experiment: Experiment, factors: Mapping[int, float], penalty: float) -> Transform:
+    """Return the transform of rotor inertias that are other ones than given by factors."""
+    names, count = experiment.robot.joint_names, experiment.robot.n
+    inertia = experiment.inertia * [factors.get(j, 1.0) for j in range(count)]
+    values = {names[j]: f"{inertia[j]:.4g}" for j in factors}
+    lines = in_drives({(x,): f"motor_inertia_kg_m2 = {values[x]}" for x in values})
+    evidence = {f"rotor inertia of {names[j]} over that given": x for j, x in factors.items()}
+    words = {"names": listed(values), "values": listed(values.values())}
+    words["times"] = listed(f"{x:.3g}" for x in factors.values())
+    of_joints = "given", codes.only_joint([*values]), {**evidence, **words}, lines
+    finding = CODES["rotor-inertia"].finding(*of_joints)
+    return Transform(finding, experiment.with_changes(inertia=inertia), penalty)
 
 
 def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
@@ -702,7 +711,7 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
 def _times(experiment: Experiment) -> Iterator[Transform]:
     """Yield clocks that run too fast or too slowly, by a round factor or another one."""
     round_factors = (0.1, 0.5, 2.0, 10.0) if _is_severe(experiment) else ()
-    fitted = {factor: error for factor, error, _ in best_factors(experiment, _with_clock)}
+    fitted = {x: error for x, error, _ in best_factors(experiment, _with_clock, smallest=tol.FEW)}
     for factor, error in {**dict.fromkeys(round_factors, 0.0), **fitted}.items():
         times, speeds = ("short", "large") if factor < 1 else ("long", "small")
         changed, size = _with_clock(experiment, math.log(factor)), max(factor, 1 / factor)

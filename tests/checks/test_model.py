@@ -603,8 +603,9 @@ def test_a_known_body_with_another_mass_is_named(factor: float) -> None:
     named = [x for x in identify(known, leg_log(3)).warnings if x.code == "nominal-values"]
     assert [(x.joint, x.severity) for x in named] == [("knee_pitch", "doubtful")] * (factor > 1)
     for finding in named:
-        mass = finding.evidence["mass of shank over the given one"]
-        assert mass == pytest.approx(1 / 1.3, abs=0.04)  # three standard errors
+        error = finding.evidence["standard error"]
+        assert finding.evidence["factor"] == pytest.approx(1 / 1.3, abs=3 * error)
+        assert error < 0.02
 
 
 def test_logs_of_two_set_ups_are_named_and_conditions_repair_it() -> None:

@@ -486,6 +486,29 @@ def test_known_rotors_show_whether_all_torques_or_all_masses_are_off(factor: flo
     assert "the error after +- is that by the torques alone" in finding.message
 
 
+def test_rotor_inertias_that_are_all_in_another_unit_are_no_scale_of_the_torques() -> None:
+    """Inertias a tenth of the true ones look like torques that are ten times too large."""
+    robot, log = true_geared_arm(), geared_arm_log()
+    drives = {
+        joint: replace(drive, motor_inertia_kg_m2=0.1 * drive.values["motor_inertia"])
+        for joint, drive in robot.drives.items()
+    }
+    finding = the_mistake(robot.with_drives(drives), log)
+    assert (finding.code, finding.severity) == ("rotor-inertia", "wrong")
+    tables = tomllib.loads(finding.remedy.partition("in the drives file:\n")[2])
+    for joint, table in tables.items():
+        inertia = robot.drives[joint].values["motor_inertia"]
+        assert table["motor_inertia_kg_m2"] == pytest.approx(inertia, rel=0.1)
+    assert tables.keys() == robot.drives.keys()
+
+
+def test_a_clock_that_is_slightly_off_is_no_other_rotors() -> None:
+    robot, log = leg(TEST_MASS), leg_log()
+    finding = the_mistake(robot, replace(log, time=1.04 * log.time))
+    assert finding.code == "time-unit"
+    assert finding.evidence["factor"] == pytest.approx(1.04, abs=0.01)
+
+
 @pytest.mark.slow  # 1.2 s
 def test_a_motor_keeps_its_constant_where_columns_of_currents_are_exchanged() -> None:
     robot, log, (i, j) = leg(TEST_MASS), leg_log(), (3, 4)
