@@ -272,15 +272,16 @@ def _change_at_reversal(motion: Motion, place: int) -> float:
 
 
 def without_locked_loads(
-    robot: Robot, used: Sequence[str], locked: Collection[str]
+    robot: Robot, used: Sequence[str], locked: Mapping[str, float]
 ) -> tuple[Robot, tuple[str, ...]]:
     """Return the robot and the joints whose load side is used, those that are not locked.
 
-    If all are locked, nothing is known of the bodies, which then count as given.
+    Locked ones {joint: position} are at rest, though their motors move. If all are locked, nothing
+    is known of the bodies, which then count as given.
     """
     free = tuple(joint for joint in used if joint not in locked)
     if free or not used:
-        return robot, free
+        return replace(robot, at_rest=FrozenMapping(locked, "joint")), free
     bodies = np.nan_to_num(robot.parameters)
     known = robot.with_values(bodies, robot.drives)
     return replace(known, known_bodies=robot.body_names), tuple(used)
@@ -304,14 +305,17 @@ def standing_joints(
         raise ExcitationError("no joint moves in the log: the motion does not excite the robot")
     if not robot.base_is_held or not np.array_equal(robot.transmission, np.eye(robot.n)):
         return {}
-    places = {}
-    for index, joint in enumerate(robot.joint_names):
-        if joint not in moved:
-            positions = [motion.joint_position[:, index] for motion in motions]
-            places[joint] = float(np.mean(np.concatenate(positions)))
-        elif not _drive_moves(robot, logs, motions, joint):
-            places[joint] = float("nan")
-    return places
+    places = mean_positions(robot, motions, [x for x in robot.joint_names if x not in moved])
+    unknown = (joint for joint in moved if not _drive_moves(robot, logs, motions, joint))
+    return places | dict.fromkeys(unknown, math.nan)
+
+
+def mean_positions(
+    robot: Robot, motions: Sequence[Motion], joints: Iterable[str]
+) -> dict[str, float]:
+    """Return the mean position [rad or m] of some joints over all motions."""
+    mean = np.mean(np.concatenate([motion.joint_position for motion in motions]), axis=0)
+    return {joint: float(mean[robot.index(joint)]) for joint in joints}
 
 
 def _joint_moves(logs: Sequence[Log], joint: str) -> bool:
@@ -351,7 +355,7 @@ def without_standing(
     # Joints that move while their motors stand have no place.
     places = {joint: place for joint, place in standing.items() if np.isfinite(place)}
     robot = robot.with_drives(dict.fromkeys(elastic, IDEAL_DRIVE))
-    robot = replace(robot, at_rest=FrozenMapping(places, "joint"))
+    robot = replace(robot, at_rest=FrozenMapping({**robot.at_rest, **places}, "joint"))
     return robot, moving, stopped
 
 

@@ -138,7 +138,7 @@ class ConditionLogs:
     """The logs of one condition and their motions.
 
     `in_memory` are the logs that are not read in pieces; `motions_by_log` the motions of the parts
-    of each log; `locked` the joints whose outputs are locked; `standing` {joint: position} those
+    of each log; `locked` {joint: position} are joints whose outputs are locked, `standing` those
     that stand still; `setup_joints` those whose torques show the set-up, which `experiment` has;
     `channel_findings` what the channels of the logs show.
     """
@@ -147,7 +147,7 @@ class ConditionLogs:
     in_memory: list[Log]
     datasets: list[Dataset]
     motions_by_log: list[list[Motion]]
-    locked: Sequence[str]
+    locked: Mapping[str, float]
     standing: Mapping[str, float]
     setup_joints: set[str]
     experiment: Experiment
@@ -348,12 +348,12 @@ def _logs_of(
     findings = log_findings(robot, logs, selected) if recorded is None else recorded
     with explained(lambda: findings):  # an error raised inside gets these findings as its cause
         groups = datasets_by_log(robot, read, cutoff_hz, options.progress)
-        locked = locked_outputs(robot, logs)
         motions_by_log = [list(map(first_motion, group)) for group in groups]
+        motions, locked = list(chain(*motions_by_log)), locked_outputs(robot, logs)
         standing = dict[str, float]()
         if len(logs) == len(read):
             parts = [part for log in logs for part in stretches(log)]
-            standing = checking.standing_joints(robot, parts, list(chain(*motions_by_log)))
+            standing = checking.standing_joints(robot, parts, motions)
         checking.check_channels(robot, logs, selected, locked)
         datasets = list(chain(*groups))
         check_temperatures(robot, datasets)
@@ -364,7 +364,7 @@ def _logs_of(
         in_memory=logs,
         datasets=datasets,
         motions_by_log=motions_by_log,
-        locked=locked,
+        locked=checking.mean_positions(robot, motions, locked),
         standing=standing,
         setup_joints=setup_joints,
         experiment=with_torques_of(experiment_of(robot, motions_by_log), setup_joints),

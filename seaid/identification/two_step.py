@@ -6,7 +6,7 @@ with the others, and an identification of one robot is that of one condition wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -390,7 +390,7 @@ def _joints_scaled_by_sensors(condition: Condition) -> tuple[str, ...]:
     )
 
 
-def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Sequence[str]) -> None:
+def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Iterable[str]) -> None:
     """Raise IdentificationError for locked outputs whose motor constant nothing determines.
 
     What holds them could have any torque, so that bodies give no scale.

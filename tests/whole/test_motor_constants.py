@@ -9,7 +9,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.drives import SeriesElasticDrive
+from seaid.drives import SeriesElasticDrive, total_ratio
 from seaid.errors import IdentificationError
 from seaid.identification import identify
 from seaid.legged import load_robot
@@ -19,7 +19,7 @@ from seaid.project.first_project import _drives_text, filled, inferred_drives
 from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
-from tests.experiments import arm, arm_motion
+from tests.experiments import arm, arm_motion, leg
 from tests.mistakes import in_currents
 from tests.plants import log_with, write_columns, write_robot
 from tests.standard_errors import scores
@@ -236,3 +236,35 @@ def test_a_first_project_asks_for_what_is_not_shown(tmp_path: Path, kind: str, k
         assert load_robot(urdf, filled(tables)).drives["elbow"].is_elastic
     else:
         assert 'gear_ratio = "?"' in _drives_text(tables, [doubt], tmp_path / "drives.toml")
+
+
+def test_a_joint_whose_output_is_held_leaves_the_others_identifiable() -> None:
+    """The bodies behind it stand in one place, though its motor deflects its spring."""
+    truth, held = leg(), "hip_pitch"
+    time = np.arange(0, 12, 0.002)
+    rates = 2 * np.pi * np.array([[0.31, 0.42, 0.0, 0.53, 0.67], [0.93, 1.1, 0.0, 0.77, 1.21]])
+    reach = np.array([[0.4, 0.3, 0.0, 0.5, 0.5], [0.15, 0.1, 0.0, 0.2, 0.2]])
+    phases = rates[:, None] * time[:, None]
+    middle = np.array([0.0, 0.0, -0.2, 0.7, 0.0])
+    q = middle + np.sum(reach[:, None] * np.sin(phases), axis=0)
+    v = np.sum((reach * rates)[:, None] * np.cos(phases), axis=0)
+    a = -np.sum((reach * rates**2)[:, None] * np.sin(phases), axis=0)
+    load = seaid.regressor.joint_torques(truth, q, v, a)
+    motor, torque = q.copy(), load.copy()
+    for j, drive in enumerate(truth.drives.values()):
+        ratio, x = total_ratio(drive), {"stiffness": np.inf} | dict(drive.values)
+        motor[:, j] = ratio * (q[:, j] + load[:, j] / (x["stiffness"] * drive.load_radius**2))
+        speed = np.gradient(motor[:, j], time)
+        torque[:, j] = load[:, j] / ratio + x["motor_inertia"] * np.gradient(speed, time)
+        torque[:, j] += x["viscous_friction"] * speed
+        torque[:, j] += x.get("coulomb_friction", 0.0) * np.sign(speed)
+    log = log_with(
+        truth.joint_names, time, joint_position=q, motor_position=motor, motor_torque=torque
+    )
+    found = identify(truth.without_nominal(), log)
+    assert found.known.at_rest == {held: pytest.approx(-0.2)}
+    assert "locked-output" in {note.code for note in found.warnings}
+    for joint in truth.elastic_joints:
+        stiffness = truth.drives[joint].values["stiffness"]
+        assert found.drives[joint].value("stiffness") == pytest.approx(stiffness, rel=2e-3)
+    assert all(fit.own < 1e-3 for joint, fit in found.joint_fits.items() if joint != held)
