@@ -49,7 +49,7 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
     best = [(x, 2.0) for x in [_best_gravity(experiment)] if x is not None]
     for direction, penalty in [*axes[:-1], (-np.eye(3)[2], 0.0), *best]:
         tilt = math.acos(float(np.clip(direction @ now / size, -1, 1)))
-        if tilt >= tol.SLIGHT:
+        if tilt >= tol.FEW:
             text = ",".join(f"{x:.4g}" for x in size * direction + 0.0)
             evidence = {"tilt [deg]": math.degrees(tilt), "direction": text}
             of_direction = "direction", "", evidence, codes.with_gravity(text), tilt > tol.POOR

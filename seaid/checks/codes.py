@@ -343,7 +343,7 @@ def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> lis
     of the logs contradict each other, and so is that two ways to fit them differ.
     """
     loose, weak = ({x.joint for x in findings if x.code == y} for y in ("backlash", "weak-spring"))
-    echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
+    echoes = dict.fromkeys((*_ECHOES, "delay", "rotor-inertia"), weak) | {"weak-spring": loose}
     echoes["nonlinear-spring"] = weak | loose
     minor = {**dict.fromkeys(_ECHOES, exact), **_beside_few_rows(findings)}
     kept = (x for x in findings if x.severity == "wrong" or x.joint not in echoes.get(x.code, ()))

@@ -62,6 +62,8 @@ def test_a_weak_spring_silences_what_noise_alone_raises() -> None:
     weak = Finding("weak-spring", "hardly loaded", "knee")
     term = replace(TERM, evidence={"explained": 0.3})
     assert that_matter([weak, term]) == [weak]
+    # a joint without a spring, whose rotor has to carry the load
+    assert that_matter([Finding("rotor-inertia", "3.2 times", "knee"), weak]) == [weak]
     # A wrong set-up has made notes of its symptoms: without it nothing would be left of both.
     wrong = replace(term, severity="wrong")
     assert that_matter([replace(weak, severity="note"), wrong])[1] == wrong
@@ -75,6 +77,7 @@ def test_a_weak_spring_silences_what_noise_alone_raises() -> None:
         Finding("contact", "a hand", "hip", "wrong", joints=("hip", "knee")),
         # the bodies, which it spoils, are those of all joints
         Finding("torque-scale", "1.2 times", "hip", evidence={"misfit as given": 0.16}),
+        Finding("payload", "of another lever", "hip", "wrong", {"misfit as given": 0.3}),
     ],
 )
 def test_a_symptom_of_a_cause_is_a_note_without_a_remedy(cause: Finding) -> None:

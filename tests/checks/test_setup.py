@@ -741,6 +741,17 @@ def test_a_spring_that_is_not_declared_is_neither_a_payload_nor_gravity(joint: i
     assert {finding.code for finding in findings}.isdisjoint({"payload", "gravity"})
 
 
+@pytest.mark.parametrize("tilt", [1.0, 12.0])
+def test_gravity_that_is_tilted_is_named_however_little(tilt: float) -> None:
+    """A tilt that was left of one repaired before was springs parallel to joints."""
+    robot, angle = leg(TEST_MASS), np.radians(tilt)
+    model = robot.model.copy()
+    model.gravity.linear = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    finding = the_mistake(replace(robot, model=model), leg_log())
+    assert finding.code == "gravity"
+    assert finding.evidence["tilt [deg]"] == pytest.approx(tilt, abs=0.2)
+
+
 @pytest.mark.parametrize("factor", [0.01, 100.0])
 def test_misfits_do_not_depend_on_the_unit_of_torques(factor: float) -> None:
     """Reversed torques need friction that drives, which counts as much as what is unexplained."""
