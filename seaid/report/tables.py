@@ -11,7 +11,6 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import ParameterName, readable
-from seaid.identification.result import NUMBERS
 from seaid.report.formats import (
     NONE,
     Measured,
@@ -302,6 +301,8 @@ def error_rows(runs: Sequence[Run], robot: Robot | None = None) -> list[ErrorRow
 
 
 def _error_row(run: Run, side: str, name: str, unit: str, fit: Fit, index: int) -> ErrorRow:
+    from seaid.identification.result import NUMBERS
+
     measures: dict[str, Any] = {name: float(getattr(fit, name)[index]) for name in NUMBERS}
     return ErrorRow(run.name, run.is_unseen, name, side, unit, **measures)
 
