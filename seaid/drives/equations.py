@@ -79,7 +79,7 @@ def symbol_of(name: str) -> sp.Symbol:
 
 SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G, Delta_T, t_log, tau_C)
 NAMES_OF = {
-    signal.diff(t, order): f"{signal.func}{suffix}"
+    sp.Derivative(signal, (t, order)): f"{signal.func}{suffix}"
     for order, suffix in ((2, "_ddot"), (1, "_dot"), (0, ""))
     for signal in SIGNALS
 }

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-from xml.sax.saxutils import quoteattr
 
 from seaid._files import from_template, write_whole
 from seaid._progress import Display
@@ -252,6 +251,8 @@ def _drake(request: _Request) -> _Written:
 
 
 def _drake_transmission(actuator: JointActuator) -> bytes:
+    from xml.sax.saxutils import quoteattr  # which imports HTTP
+
     name = quoteattr(actuator.joint)
     inertia, ratio = actuator.drive.values["motor_inertia"], total_ratio(actuator.drive)
     p, d = _number(actuator.position_gain), _number(actuator.velocity_gain)

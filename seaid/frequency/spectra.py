@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import scipy  # reports import this module, and `scipy.signal` takes half a second
+import scipy  # reports import this module, and `signal` takes half a second, `ndimage` a tenth
 from scipy.interpolate import CubicSpline, make_interp_spline
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import IdentificationError
@@ -225,8 +224,7 @@ def spectra_of(
             "larger motion",
             "band_hz",
         )
-    others = _unexcited(hz, within, excited)
-    torque, motor, sign = fields[:, :, :, excited]
+    others, (torque, motor, sign) = _unexcited(hz, within, excited), fields[:, :, :, excited]
     unexcited = fields[:2, :, :, others]
     return Spectra(hz[excited], torque, motor, sign, hz[others], unexcited, periodic)
 
@@ -243,7 +241,7 @@ def _unexcited(hz: Array, within: BoolArray, excited: BoolArray) -> BoolArray:
 def _broadly_excited(torque: Array, within: BoolArray) -> BoolArray:
     """Return the lines (L,) of a log without periods whose torque is above its noise."""
     power = np.sum(np.abs(torque) ** 2, axis=(0, 1, 3)) * within
-    smooth = uniform_filter1d(power, 2 * NEAR + 1)
+    smooth = scipy.ndimage.uniform_filter1d(power, 2 * NEAR + 1)
     floor = _ABOVE_NOISE * np.median(smooth[len(smooth) * 3 // 4 :])
     return np.asarray(within & (smooth > max(_BROAD_FLOOR * np.max(smooth), floor)))
 
@@ -260,8 +258,9 @@ def _excited(fields: Array, hz: Array, within: BoolArray) -> BoolArray:
         least = np.full(len(hz), _FLOOR * np.max(power))
         if periods > 1:
             noise = np.sum(np.var(values, axis=1) / (periods - 1), axis=(0, 2))
-            least = np.maximum(least, _ABOVE_NOISE * uniform_filter1d(noise, 2 * NEAR + 1))
-        near = maximum_filter1d(power, 2 * NEAR + 1)
+            smooth = scipy.ndimage.uniform_filter1d(noise, 2 * NEAR + 1)
+            least = np.maximum(least, _ABOVE_NOISE * smooth)
+        near = scipy.ndimage.maximum_filter1d(power, 2 * NEAR + 1)
         excited |= (power > _EXCITED * near) & (power > least) & within
     return excited
 
@@ -290,7 +289,7 @@ def approximation_of(
         # of the mean over P periods, from what differs between them
         differs = residual - residual.mean(axis=1, keepdims=True)
         power = np.sum(np.abs(differs) ** 2, axis=(0, 1)) / (E * (P - 1) * P)
-        noise_variance = uniform_filter1d(power, NEAR, axis=0)
+        noise_variance = scipy.ndimage.uniform_filter1d(power, NEAR, axis=0)
     total_variance = _total_variance(spectra, motor, residual.mean(axis=1), max(E - n, 0))
     total_variance = np.fmax(total_variance, noise_variance)  # the larger one that is not NaN
     with np.errstate(invalid="ignore"):
@@ -327,14 +326,15 @@ def _total_variance(spectra: Spectra, motor: Array, residual: Array, spare: int)
     which are not excited (detection lines); NaN without either.
     """
     if spare > 0:
-        return np.asarray(uniform_filter1d(np.sum(np.abs(residual) ** 2, 0) / spare, NEAR, axis=0))
+        power = np.sum(np.abs(residual) ** 2, axis=0) / spare
+        return np.asarray(scipy.ndimage.uniform_filter1d(power, NEAR, axis=0))
     if len(spectra.unexcited_hz) < _FEWEST_LINES:
         return np.full(residual.shape[1:], np.nan)
     U, Y = spectra.unexcited.mean(axis=2)
     G = _at_lines(spectra.unexcited_hz, spectra.hz, motor)
     # Distortion is what the torque at these lines does not cause linearly.
     power = np.mean(np.abs(Y - np.einsum("fij,efj->efi", G, U)) ** 2, axis=0)
-    smooth = uniform_filter1d(power, 2 * NEAR, axis=0)
+    smooth = scipy.ndimage.uniform_filter1d(power, 2 * NEAR, axis=0)
     return _at_lines(spectra.hz, spectra.unexcited_hz, smooth)
 
 
