@@ -105,8 +105,13 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     )
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
-    model, data, N = robot.model, _memory_of(robot.model), robot.model.nv
     moved = robot.joint_states(q, v, a)
+    return _regressor(robot, moved[0], robot.model_states(*moved))
+
+
+def _regressor(robot: Robot, q: Array, states: Sequence[Array]) -> Array:
+    """Return the regressor (T, n, 10N) at joint angles (T, n), and at the `states` of the model."""
+    model, data, N = robot.model, _memory_of(robot.model), robot.model.nv
     # `block` is a view of the memory that every call fills, and exists after the first call.
     pin.computeJointTorqueRegressor(model, data, *np.zeros((3, N)))
     # Pinocchio's matrix is column-major: its transposed view is copied as one block of bytes, which
@@ -114,7 +119,7 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     block, stacked = data.jointTorqueRegressor.T.reshape(-1).data, np.empty((len(q), 10 * N * N))
     block, target = block.cast("B"), stacked.reshape(-1).view(np.uint8).data
     places, compute = range(0, len(target), len(block)), pin.computeJointTorqueRegressor
-    for place, q_t, v_t, a_t in zip(places, *robot.model_states(*moved), strict=True):
+    for place, q_t, v_t, a_t in zip(places, *states, strict=True):
         compute(model, data, q_t, v_t, a_t)
         target[place : place + len(block)] = block
     # (T, 10N N) -> (T, 10N, N) as Pinocchio's columns lie in memory -> (T, N, 10N).
@@ -125,12 +130,22 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
         # which adds those of mimic joints to their leaders'.
         by_body = Y.reshape(len(q), N, N, 10)[:, :, np.argsort(order)].reshape(len(q), N, 10 * N)
         Y = np.moveaxis(robot.from_model(np.moveaxis(by_body, 1, -1)), -1, 1)
-    return Y / robot.angle_ratios.rates(moved[0])[..., None] if robot.angle_ratios else Y
+    return Y / robot.angle_ratios.rates(q)[..., None] if robot.angle_ratios.by_joint else Y
 
 
 def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return `rigid_body_regressor` for the torques on the drives' coordinates, (T, n, 10N)."""
     return rows_at_drives(robot.transmission, rigid_body_regressor(robot, q, v, a))
+
+
+def blocks_at_drives(robot: Robot, states: JointStates, size: int) -> Iterator[tuple[slice, Array]]:
+    """Yield slices of `size` samples of states, and `regressor_at_drives` (S, n, 10N) at them."""
+    q, *_ = moved = robot.joint_states(*states)
+    of_model = robot.model_states(*moved)
+    for start in range(0, len(q), size):
+        part = slice(start, start + size)
+        Y = _regressor(robot, q[part], [state[part] for state in of_model])
+        yield part, rows_at_drives(robot.transmission, Y)
 
 
 def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
@@ -380,18 +395,11 @@ class BodyEquations:
         count = _WHOLE_STATES if 10 * len(known) == m else None
         random = random_states(robot, seed, len(known), count=count)
         states = random if motion is None else motion.joint_states
-        for _, Y in self._blocks(states, known):
+        for _, Y in blocks_at_drives(robot, states, samples_of_block(robot)):
             # H = Q R has the norms and the dependencies of R.
             R = H if len(H) <= m else np.asarray(np.linalg.qr(H, mode="r"))
-            H = np.concatenate([R, Y.reshape(-1, m)])
+            H = np.concatenate([R, Y[:, known].reshape(-1, m)])
         return H
-
-    def _blocks(self, states: JointStates, known: Joints) -> Iterator[tuple[JointStates, Array]]:
-        """Yield states that take little memory, and the rows (T, k, m) of bodies there."""
-        samples = samples_of_block(self.robot)
-        for start in range(0, len(states[0]), samples):
-            q, v, a = (state[start : start + samples] for state in states)
-            yield (q, v, a), regressor_at_drives(self.robot, q, v, a)[:, known]
 
     def left_to_right(self, H: Array, zero: BoolArray) -> tuple[list[int], Array, float]:
         """Return `left_to_right` in the order in which columns are kept."""
@@ -404,8 +412,9 @@ class BodyEquations:
 
         The function removes from rows what nothing determines, as forces that are not measured.
         """
-        for states, Y in self._blocks(random_states(self.robot, seed, len(known)), known):
-            yield states, Y, np.asarray
+        q, v, a = states = random_states(self.robot, seed, len(known))
+        for part, Y in blocks_at_drives(self.robot, states, samples_of_block(self.robot)):
+            yield (q[part], v[part], a[part]), Y[:, known], np.asarray
 
     def body_columns(self, motion: Motion, known: Joints, columns: IndexArray) -> Array:
         """Return some columns (T, r, c) of the bodies along a motion."""

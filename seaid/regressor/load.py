@@ -26,11 +26,11 @@ from seaid.regressor.base import (
     Links,
     Stances,
     base_parameters,
+    blocks_at_drives,
     body_equations,
     grouped_text,
     left_to_right,
     negligible,
-    regressor_at_drives,
     samples_of_block,
     with_independent,
 )
@@ -71,9 +71,8 @@ def drive_parameters(
     """
     placed, drives = list[tuple[Array, int, Array]](), list[tuple[str, str, str]]()
     known = list(map(robot.index, rows))
-    for joint in robot.joint_names:
-        index, drive = robot.index(joint), robot.drives[joint]
-        parts = []
+    for index, joint in enumerate(robot.joint_names):
+        drive, parts = robot.drives[joint], []
         if not drive.is_elastic and index in known:
             # N times (7) without a spring: friction and rotor inertia as torques on the load.
             parts.append((motor_regressor(robot, joint), drive.ratio, np.eye(robot.n)[index]))
@@ -123,9 +122,7 @@ def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dic
     others = ("i_M", "u_M", "tau_G", "Delta_T", "t_log", "tau_C_dot", "tau_M")
     free = {name: rng.normal(size=len(q)) for name in others}
     states = {"theta_L": q, "theta_L_dot": v, "theta_L_ddot": a}
-    joint = {
-        name: at_drives(robot.transmission, values)[:, index] for name, values in states.items()
-    }
+    joint = {x: at_drives(robot.transmission, values)[:, index] for x, values in states.items()}
     motor = {name.replace("_L", "_M"): ratio * values for name, values in joint.items()}
     return {**joint, **motor, **joint_states, **free, "tau_L": nothing}
 
@@ -253,11 +250,9 @@ class LoadSide:
         samples = min(_BLOCK, samples_of_block(robot))
 
         def columns(part: slice) -> Array:
-            states = [state[part] for state in motion.joint_states]
-            bodies = np.empty((len(states[0]), *places.shape))
-            for start in range(0, len(bodies), samples):
-                block = slice(start, start + samples)
-                Y = regressor_at_drives(robot, *(state[block] for state in states))
+            q, v, a = (state[part] for state in motion.joint_states)
+            bodies = np.empty((len(q), *places.shape))
+            for block, Y in blocks_at_drives(robot, (q, v, a), samples):
                 flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of Y
                 # With another `mode` NumPy fills a copy of the target.
                 flat.take(places, axis=1, out=bodies[block], mode="clip")

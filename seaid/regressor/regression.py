@@ -97,10 +97,10 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     was measured. Speeds that are nothing but rounding are set to zero, because their sign, and with
     it friction, would depend on the processor.
     """
-    position, velocity, acceleration = (
-        at_drives(robot.transmission, state)[:, index] for state in motion.joint_states
-    )
+    states = [at_drives(robot.transmission, state)[:, index] for state in motion.joint_states]
+    position, velocity, acceleration = states
     drive, warmth = robot.drives[robot.joint_names[index]], motion.motor_temperature
+    speed = moving(motion.motor_velocity[:, index])
     warmth = None if warmth is None else warmth - drive.reference_temperature_degC
     if drive.is_elastic and has_deflection(motion, index):
         assert motion.deflection is not None
@@ -111,8 +111,8 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         velocity = lever * motion.motor_velocity[:, index] - motion.deflection_rate[:, index]
     return {
         "theta_M": motion.motor_position[:, index],
-        "theta_M_dot": moving(motion.motor_velocity[:, index]),
-        "theta_M_sign": _direction(motion, index),
+        "theta_M_dot": speed,
+        "theta_M_sign": _direction(motion, index, speed),
         "theta_M_ddot": motion.motor_acceleration[:, index],
         "theta_L": position,
         "theta_L_dot": moving(velocity),
@@ -150,11 +150,11 @@ def _without_delay(motion: Motion, index: int) -> Array:
     return np.asarray(torque + motion.command_delay_s[index] * motion.command_slope[:, index])
 
 
-def _direction(motion: Motion, index: int) -> Array:
+def _direction(motion: Motion, index: int, speed: Array) -> Array:
     """Return the mean of sign(motor speed) (T,) about the samples, or its sign at them."""
     known = motion.motor_direction
     if known is None or np.isnan(known[0, index]):
-        return np.sign(moving(motion.motor_velocity[:, index]))
+        return np.sign(speed)
     return known[:, index]
 
 
