@@ -138,8 +138,7 @@ def _derived(
 @cache
 def _symbols_in(zeta: sp.Expr, row: _Row) -> set[str]:
     """Return the names of the symbols in the entries of a row."""
-    by_entry = [flat_names(entry).free_symbols for entry in (zeta, *row)]
-    return {str(symbol) for symbols in by_entry for symbol in symbols}
+    return {str(symbol) for entry in (zeta, *row) for symbol in flat_names(entry).free_symbols}
 
 
 @cache
@@ -148,11 +147,8 @@ def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
 
     These are the unknowns p with p in de/dp, and then those that remain in other derivatives.
     """
-    nonlinear: list[sp.Symbol] = []
     slopes = {symbol: _slope(equation.expression, symbol) for symbol in equation.unknowns}
-    for symbol, slope in slopes.items():
-        if symbol in slope.free_symbols:
-            nonlinear.append(symbol)
+    nonlinear = [symbol for symbol, slope in slopes.items() if symbol in slope.free_symbols]
     for symbol, slope in slopes.items():
         others = slope.free_symbols & set(slopes) - {symbol, *nonlinear}
         if symbol not in nonlinear and others:
@@ -163,7 +159,12 @@ def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
 @cache
 def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
     """Return the derivative by a parameter, for real signals."""
-    return slope_by(of_real(expression), symbol)
+    # The equations of drives have terms, and factors of these, in common.
+    if expression.is_Add:
+        return sp.Add(*(_slope(x, symbol) for x in expression.args if x.has(symbol)))
+    factor, remaining = expression.as_independent(symbol, as_Add=False)
+    slope = slope_by(of_real(remaining), symbol) if factor == 1 else _slope(remaining, symbol)
+    return of_real(factor) * slope
 
 
 def slope_by(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
