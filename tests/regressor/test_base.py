@@ -1,6 +1,6 @@
 """Counts and groupings of base parameters; known bodies are in none of them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,13 @@ from seaid.errors import ExcitationError, RobotError, SeaidError
 from seaid.excitation.criteria import pivoted_base
 from seaid.legged import load_robot
 from seaid.regressor import base_parameters, cross_check, joint_torques, rigid_body_regressor
-from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
+from seaid.regressor.base import (
+    _regressor,
+    grouped_text,
+    left_to_right,
+    negligible,
+    random_states,
+)
 from seaid.regressor.load import load_model, load_side
 from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
@@ -167,14 +173,14 @@ def test_many_samples_come_in_blocks(tulip_leg: Robot, monkeypatch: pytest.Monke
     whole = [base_parameters(robots[0], x, torque_joints=PITCHES) for x in (None, motion)]
     model = load_model(robots[0], base_parameters(robots[0], torque_joints=PITCHES), PITCHES)
     columns = load_side(robots[0]).columns(motion, model, {}).H
-    sizes, compute = list[int](), rigid_body_regressor
+    sizes, compute = list[int](), _regressor
     monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 1e5)
 
-    def counted(robot: Robot, *states: Array) -> Array:
-        sizes.append(len(states[0]))
-        return compute(robot, *states)
+    def counted(robot: Robot, q: Array, states: Sequence[Array]) -> Array:
+        sizes.append(len(q))
+        return compute(robot, q, states)
 
-    monkeypatch.setattr("seaid.regressor.base.rigid_body_regressor", counted)
+    monkeypatch.setattr("seaid.regressor.base._regressor", counted)
     blocks = [base_parameters(robots[1], x, torque_joints=PITCHES) for x in (None, motion)]
     assert np.array_equal(load_side(robots[1]).columns(motion, model, {}).H, columns)
     assert max(sizes) == 6
