@@ -706,18 +706,25 @@ def test_an_error_of_known_bodies_is_no_constant_error_of_a_torque(std: float) -
 
 @pytest.mark.parametrize(
     ("angle", "error", "is_named"),
-    [(0.2, 0.01, True), (2.6, 0.3, False), (0.9, 0.12, False), (-0.2, 0.01, False)],
+    [
+        (0.2, 0.01, True),
+        (2.6, 0.3, False),
+        (0.3, 0.12, False),
+        (-0.2, 0.01, False),
+        (0.6, 0.01, False),
+    ],
 )
 def test_a_zero_that_the_torque_does_not_determine_is_no_finding(
     angle: float, error: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On a light load with play 150 +- 17 degrees were a zero, 9 standard errors from none.
 
-    An angle alone of another sign than next to those of other joints is their echo.
+    An angle alone of another sign or size than next to those of other joints is their echo: one
+    joint's zero of 3.4 degrees made one of 63 degrees at the next.
     """
     monkeypatch.setattr(gears, "_searched_zero", lambda *_: (angle, error))
     side: Any = SimpleNamespace(robot=leg(), offset_std=0.0, sources={})
-    accepted: Any = [SimpleNamespace(coefficients=np.array([1.0]), errors=np.array([0.1]))]
+    accepted: Any = [SimpleNamespace(coefficients=np.array([0.25]), errors=np.array([0.1]))]
     finding = gears.zero_is_off(side, "knee_pitch", accepted, 0.5)
     assert (finding is not None) == is_named
 
