@@ -671,12 +671,14 @@ def _behind_gears(experiment: Experiment, joints: Sequence[int], factor: float) 
 
 def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
     """Yield rotor inertias: of each joint, and of all that are off, as by another unit."""
-    rotors = {j: x.rotor for j, x in experiment.scales.items() if j in experiment.doubted}
-    off = {j: x for j, x in rotors.items() if x > 0 and abs(x - 1) >= tol.SLIGHT}
+    doubted = {j: x.rotor for j, x in experiment.scales.items() if j in experiment.doubted}
+    off = {j: x for j, x in doubted.items() if x > 0 and abs(x - 1) >= tol.SLIGHT}
     # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
     alone = ({j: x} for j in off for x in near(off[j], experiment.lever[j] ** 2))
-    for factors in chain(alone, [off] * (len(off) > 1)):
-        yield _with_rotors(experiment, factors, sum(x == off[j] for j, x in factors.items()))
+    # another unit of torques changes those of bodies too, by as many times
+    times = float(np.median([1.0, *map(attrgetter("factor"), experiment.scales.values())]))
+    for factors in chain(alone, [off] * (len(off) > 1 and 1 / tol.TWICE < times < tol.TWICE)):
+        yield _with_rotors(experiment, factors, len({*factors.items()} & {*off.items()}))
 
 
 def _with_rotors(experiment: Experiment, factors: Mapping[int, float], penalty: float) -> Transform:
@@ -686,8 +688,7 @@ def _with_rotors(experiment: Experiment, factors: Mapping[int, float], penalty: 
     values = {names[j]: f"{inertia[j]:.4g}" for j in factors}
     lines = in_drives({(x,): f"motor_inertia_kg_m2 = {values[x]}" for x in values})
     evidence = {f"rotor inertia of {names[j]} over that given": x for j, x in factors.items()}
-    words = {"names": listed(values), "values": listed(values.values())}
-    words["times"] = listed(f"{x:.3g}" for x in factors.values())
+    words = {"names": listed(values), "times": listed(f"{x:.3g}" for x in factors.values())}
     of_joints = "given", codes.only_joint([*values]), {**evidence, **words}, lines
     finding = CODES["rotor-inertia"].finding(*of_joints)
     return Transform(finding, experiment.with_changes(inertia=inertia), penalty)
