@@ -481,11 +481,13 @@ def known_bodies(side: Side, joint: str) -> Iterator[engine.Candidate]:
 
 def bodies_differ(side: Side, joint: str, accepted: Acceptance, share: float) -> Finding | None:
     """Return the finding of known bodies that are heavier or lighter than given."""
-    factors = {x.trial.candidate.term: [*_factor(x, share).values()][:2] for x in accepted}
+    factors = {x.trial.candidate.term: _factor(x, share) for x in accepted}
     # Known bodies are wrong by a tenth of what others are (`Experiment.widths`).
-    if all(abs(x - 1) < tol.POOR * tol.BODY + tol.SURE * error for x, error in factors.values()):
+    least = tol.POOR * tol.BODY
+    if all(abs(x["factor"] - 1) < least + tol.SURE * x["standard error"] for x in factors.values()):
         return None
-    texts = (f"{link} is {x:.3g} +- {error:.2g} times" for link, (x, error) in factors.items())
+    text = "{link} is {factor:.3g} +- {standard error:.2g} times"
+    texts = [text.format_map({"link": link, **x}) for link, x in factors.items()]
     of_bodies = "known", joint, {**_factor(accepted[0], share), "bodies": listed(texts)}
     return CODES["nominal-values"].finding(*of_bodies, is_worse=share > tol.MATTERS)
 
@@ -495,9 +497,9 @@ LOAD_SIDE = SideNeed("the load side", lambda side, _: not side.is_motor)
 SPRING = SideNeed("a spring without play", lambda side, joint: side.has_spring(joint))
 MOTION = SideNeed("a joint that moves", lambda side, joint: side.swing(joint) >= tol.LEAST_SWING)
 HELD_BASE = SideNeed("a base that is held", lambda side, _: side.robot.base_is_held)
-_KNOWN_BODIES = SideNeed("known bodies", lambda side, _: bool(np.any(side.robot.known_parameters)))
+_KNOWN = SideNeed("known bodies or payloads", lambda x, _: bool(any(x.robot.known_parameters)))
 _GAINS = SideNeed("a controller with its gains", lambda side, joint: side.has_gains(joint))
-_OF_GAINS = (LOAD_SIDE, _GAINS, _KNOWN_BODIES, HELD_BASE)
+_OF_GAINS = (LOAD_SIDE, _GAINS, _KNOWN, HELD_BASE)
 _KNOWN_ROTOR = SideNeed("a known rotor inertia", lambda side, joint: side.has_known_rotor(joint))
 
 DRIVE_CHECKS = (

@@ -157,12 +157,7 @@ GEAR_CHECKS = (
     ),
     ColumnCheck(CODES["saturation"], (_TORQUE,), gears.beyond_extremes, gears.is_beyond),
     ColumnCheck(CODES["saturation"], (_COMMAND,), gears.beyond_amplifiers, gears.is_amplifier),
-    ColumnCheck(
-        CODES["encoder-offset"],
-        (*_OF_BODIES, _TURNS, columns.MOTION),
-        gears.zeros,
-        gears.zero_is_off,
-    ),
+    ColumnCheck(CODES["encoder-offset"], _OF_ANGLES, gears.zeros, gears.zero_is_off),
 )
 """The checks of a gear and its sensors, in the order in which their findings are listed."""
 

@@ -675,7 +675,7 @@ def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
     off = {j: x for j, x in doubted.items() if x > 0 and abs(x - 1) >= tol.SLIGHT}
     # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
     alone = ({j: x} for j in off for x in near(off[j], experiment.lever[j] ** 2))
-    # another unit of torques changes those of bodies too, by as many times
+    # another unit of torques changes those of bodies too, by as many times at most joints
     times = float(np.median([1.0, *map(attrgetter("factor"), experiment.scales.values())]))
     for factors in chain(alone, [off] * (len(off) > 1 and 1 / tol.TWICE < times < tol.TWICE)):
         yield _with_rotors(experiment, factors, len({*factors.items()} & {*off.items()}))

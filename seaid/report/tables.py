@@ -301,7 +301,7 @@ def error_rows(runs: Sequence[Run], robot: Robot | None = None) -> list[ErrorRow
 
 
 def _error_row(run: Run, side: str, name: str, unit: str, fit: Fit, index: int) -> ErrorRow:
-    from seaid.identification.result import NUMBERS
+    from seaid.identification.result import NUMBERS  # which imports the checks
 
     measures: dict[str, Any] = {name: float(getattr(fit, name)[index]) for name in NUMBERS}
     return ErrorRow(run.name, run.is_unseen, name, side, unit, **measures)
