@@ -132,7 +132,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 $(INSTALLED_DEV): $(INSTALLED)
-	@echo "Installing what tests, documents and examples need as well (another 1.2 GB, about a minute):"
+	@echo "Installing what tests, documents and examples need as well (another 1.5 GB, about a minute):"
 	$(call install,--no-build-isolation --editable '.[dev]')
 	@touch $@
 

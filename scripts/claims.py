@@ -28,7 +28,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import date
 from importlib.util import find_spec
@@ -50,6 +50,24 @@ PEERS = {"figaroh": "figaroh", "mujoco_sysid": "mujoco.sysid", "FloBaRoID": "Flo
 
 MARK = re.compile(r"<!--=([\w.]+)-->((?:(?!<!--=).)*)<!--=-->", re.DOTALL)
 TABLE = "capabilities"
+STATED = "stated"
+"""The list of figures that no run measures; the only one of the file that is no run."""
+
+PAGES = re.compile(r"README\.md|docs/(?:results|comparison|how_to/\w+)\.md")
+"""Pages on which a figure with a unit has a mark, or a reason in the list of stated ones."""
+
+_NO_FIGURES = re.compile(
+    r"^```.*?^```|<!--=[\w.]+-->.*?<!--=-->|`[^`\n]*`|\]\([^)]*\)"
+    r"|95 % (?:intervals?|ranges)|^\*Within \d+ % ",
+    re.DOTALL | re.MULTILINE,
+)
+"""Code, marks, targets of links, the name of an interval, and the tolerance of code above it."""
+
+_WITH_UNIT = (
+    r"(?<![\w^.])(?:\d(?:[\d.,]*\d)?|two|three|four|five|six|ten)[\s-]?"
+    r"(?:%|(?:[kM]?Hz|[kMG]B|[mu]?s|m?rad|mm?|k?g|k?N|m?A|V|W|K|times|seconds?|minutes?|hours?)\b)"
+)
+_DECIMAL = r"(?<![\w^.])\d+\.\d+(?![.\w])"
 WORDS = 60
 """How many letters of a text a message has, which may be a table."""
 
@@ -172,9 +190,15 @@ class Run:
 def runs_of(text: str) -> list[Run]:
     """Return the runs of a claims file."""
     try:
-        return [_run(name, table) for name, table in tomllib.loads(text).items()]
+        tables = tomllib.loads(text)
+        return [_run(name, table) for name, table in tables.items() if name != STATED]
     except (TypeError, ValueError, re.error) as error:
         raise ClaimError(f"{CLAIMS}: {error}") from None
+
+
+def stated_of(text: str) -> list[str]:
+    """Return the figures of a claims file that no run measures, as "page: figure"."""
+    return [figure for part in tomllib.loads(text).get(STATED, ()) for figure in part["figures"]]
 
 
 def _run(name: str, table: object) -> Run:
@@ -239,6 +263,27 @@ def problems_of_pages(texts: Mapping[str, str], contents: Mapping[str, str]) -> 
     for name in texts:
         if name not in used and not name.endswith(".date"):
             yield f"{CLAIMS}: no page has {name}"
+
+
+def problems_of_figures(contents: Mapping[str, str], stated: Collection[str]) -> Iterator[str]:
+    """Yield figures without a mark, and stated ones ("page: figure") of no page.
+
+    A figure has a unit; in docs/results.md a ratio, with decimals, is one too.
+    """
+    used = set()
+    for page, content in contents.items():
+        if not PAGES.fullmatch(page):
+            continue
+        plain = _NO_FIGURES.sub(lambda text: re.sub(r"[^\n]", "|", text[0]), content)
+        of_ratios = f"|{_DECIMAL}" * page.endswith("results.md")
+        for found in re.finditer(_WITH_UNIT + of_ratios, plain):
+            figure = re.sub(r"\s", " ", found[0])
+            used.add(f"{page}: {figure}")
+            if f"{page}: {figure}" not in stated:
+                line = plain.count("\n", 0, found.start()) + 1
+                yield f"{page}:{line}: {figure!r} is no claim, and not stated in {CLAIMS}"
+    for name in sorted({*stated} - used):
+        yield f"{CLAIMS}: no page has the stated {name!r}"
 
 
 def _broken_marks(page: str, content: str) -> Iterator[str]:
@@ -317,7 +362,8 @@ def main(names: list[str], only_pages: bool, quick: bool, write: bool) -> list[s
         contents = {name: with_figures(content, texts) for name, content in contents.items()}
         for name, content in contents.items():
             (ROOT / name).write_text(content, "utf-8")
-    return [*problems_of_pages(texts, contents), *problems]
+    unmarked = problems_of_figures(contents, stated_of(text))
+    return [*problems_of_pages(texts, contents), *unmarked, *problems]
 
 
 if __name__ == "__main__":

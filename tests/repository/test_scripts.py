@@ -98,6 +98,7 @@ SHORT_FORMS = {
         "--quick --draws 1 --motions 1 --selection",
     ),
     "benchmarks/inferred_ratio.py": ("--quick --motions 1 --noises 1",),
+    "benchmarks/installed_size.py": ("",),
     "benchmarks/interval_coverage.py": ("--quick --experiments 1 --duration 2",),
     "benchmarks/short_logs.py": ("--quick --experiments 1",),
     "benchmarks/journey.py": ("--quick --repeats 1",),
