@@ -59,24 +59,16 @@ LOAD = {"estimation/fitting.py", "project/saved.py"}
 """`np.load` refuses objects unless `allow_pickle` is given, which occurs as False only."""
 
 
-def words(tree: ast.AST) -> Iterator[tuple[str, ast.AST]]:
+def words(tree: ast.AST) -> Iterator[str]:
     """Names that a module imports, and what it calls, as `a.b`."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from ((alias.name, node) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield str(node.module), node
-            yield from ((f"{node.module}.{alias.name}", node) for alias in node.names)
-            yield from ((alias.name, node) for alias in node.names)
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield from (alias.name for alias in node.names)
+        if isinstance(node, ast.ImportFrom):
+            yield str(node.module)
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.Name | ast.Attribute):
-            yield dotted(node), node
-
-
-def dotted(node: ast.expr) -> str:
-    """Return a name as `a.b`; what is no name is `?`."""
-    if isinstance(node, ast.Attribute):
-        return f"{dotted(node.value)}.{node.attr}"
-    return node.id if isinstance(node, ast.Name) else "?"
+            yield ast.unparse(node)
 
 
 @cache
@@ -85,7 +77,7 @@ def words_of_all() -> dict[str, set[str]]:
     return {
         place: {
             word.split(".", first)[-1]
-            for word, _ in words(tree)
+            for word in words(tree)
             if word not in HARMLESS
             for first in range(word.count(".") + 1)
         }
@@ -117,7 +109,7 @@ def test_sympify_is_strict_numpy_loads_no_objects_and_ast_parses_only() -> None:
     strict = [
         {word.arg: ast.unparse(word.value) for word in call.keywords}["strict"]
         for call in calls
-        if dotted(call.func).endswith("sympify")
+        if ast.unparse(call.func).endswith("sympify")
     ]
     assert {*strict} == {"True"}
     keywords = [node for node in nodes if isinstance(node, ast.keyword)]
@@ -126,4 +118,4 @@ def test_sympify_is_strict_numpy_loads_no_objects_and_ast_parses_only() -> None:
     called = {ast.unparse(call.func) for call in calls}
     assert {one for one in called if one.startswith("ast.")} == {"ast.parse"}
     tree = ast.parse("from sympy.parsing.sympy_parser import parse_expr as p\nx = sp.sympify('1')")
-    assert {"parse_expr", "sp.sympify"} <= {word for word, _ in words(tree)}
+    assert {"parse_expr", "sp.sympify"} <= {*words(tree)}
