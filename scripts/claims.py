@@ -56,7 +56,7 @@ STATED = "stated"
 PAGES = re.compile(r"README\.md|docs/(?:results|comparison|how_to/\w+)\.md")
 """Pages on which a figure with a unit has a mark, or a reason in the list of stated ones."""
 
-_NO_FIGURES = re.compile(
+NO_FIGURES = re.compile(
     r"^```.*?^```|<!--=[\w.]+-->.*?<!--=-->|`[^`\n]*`|\]\([^)]*\)"
     r"|95 % (?:intervals?|ranges)|^\*Within \d+ % ",
     re.DOTALL | re.MULTILINE,
@@ -274,7 +274,7 @@ def problems_of_figures(contents: Mapping[str, str], stated: Collection[str]) ->
     for page, content in contents.items():
         if not PAGES.fullmatch(page):
             continue
-        plain = _NO_FIGURES.sub(lambda text: re.sub(r"[^\n]", "|", text[0]), content)
+        plain = NO_FIGURES.sub(lambda text: re.sub(r"[^\n]", "|", text[0]), content)
         of_ratios = f"|{_DECIMAL}" * page.endswith("results.md")
         for found in re.finditer(_WITH_UNIT + of_ratios, plain):
             figure = re.sub(r"\s", " ", found[0])

@@ -227,7 +227,7 @@ def warning_lines(warnings: Sequence[Finding]) -> list[str]:
     """Return a line per warning with its code, and one with its remedy.
 
     Of notes without a remedy the first ones of each code are shown, and the others counted. The
-    last line names the codes of doubts and mistakes, and where they are explained.
+    last line names the places where the codes of doubts and mistakes are explained.
     """
     lines, notes = [], Counter[str]()
     for finding in warnings:
@@ -240,8 +240,8 @@ def warning_lines(warnings: Sequence[Finding]) -> list[str]:
     more = notes - Counter(dict.fromkeys(notes, _MOST_NOTES))
     lines += [f"- {code}: {counted(n, 'more note')} like these" for code, n in more.items()]
     codes = dict.fromkeys(one.code for one in warnings if one.severity != "note")
-    advice = f"Causes and advice: the report, or the page of warnings, under {', '.join(codes)}"
-    return [*lines, advice] if codes else lines
+    places = ", ".join(f"report.html#about-{code}" for code in codes)
+    return [*lines, f"Causes and advice: {places}, or the page of warnings"] if codes else lines
 
 
 def verdict_text(identification: Identification) -> list[str]:

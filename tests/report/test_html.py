@@ -330,13 +330,15 @@ def test_findings_decide_the_verdict_and_their_remedy_is_text_to_copy(tmp_path: 
     remedy = "in the drives file:\n[shoulder]\ngear_ratio = 100.0"
     ratio = Finding("gear-ratio", "the ratio is off", "shoulder", "wrong", remedy=remedy)
     note = Finding("holes", "samples are excluded", severity="note")
-    found = replace(arm_found(), findings=(note, *FINDINGS, ratio))
+    found = replace(arm_found(), findings=(note, replace(note, remedy="fill"), *FINDINGS, ratio))
     first, *_ = notices_of(found, runs_of(found, [arm_result()]))
     assert f"{first.remedy}\n{first.snippet}" == remedy
     page = page_of(tmp_path, found, [arm_result()])
     assert "Do not use Unseen motion" in page.words
     assert "Because of gear-ratio (shoulder)." in page.words
     assert f"Cause and advice{CODES['gear-ratio'].cause}Advice:" in page.words
+    places = [value for name, value in page.attributes if name == "id"]
+    assert [places.count(f"about-{code}") for code in ("gear-ratio", "holes")] == [1, 1]
     classes = {value for name, value in page.attributes if name == "class"}
     assert {"verdict do-not-use", "notice wrong", "notice doubtful", "notice note"} <= classes
 

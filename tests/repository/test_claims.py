@@ -204,7 +204,6 @@ def test_a_yes_of_the_table_of_capabilities_has_its_command() -> None:
         assert run.seconds <= claims.QUICK_S  # the page says that --quick runs it
 
 
-PLAIN = re.compile(r"<!--=[\w.]+-->.*?<!--=-->|`[^`]*`|\]\([^)]*\)|95 % (?:intervals?|ranges)")
 ANY_NUMBER = re.compile(r"(?<![\w^.,-])\d(?:[\d.,]*\d)?")
 """A number that is no part of a name such as X5 or F_v3."""
 ROW = {"README.md": r"^\| [^|]+ \| .*<!--=.*", "docs/results.md": r"^- \*\*.*:.*<!--=.*\\\n.*"}
@@ -220,7 +219,7 @@ def unmarked(row: str) -> list[str]:
     used = [runs[mark[1].split(".")[0]] for mark in claims.MARK.finditer(row)]
     stated = [text for run in used for text in (run.command, *(x.claim for x in run.claims))]
     parts = re.split(r" \| |\*\*: ", row)
-    first, *rest = (ANY_NUMBER.findall(PLAIN.sub("", part)) for part in parts)
+    first, *rest = (ANY_NUMBER.findall(claims.NO_FIGURES.sub("", part)) for part in parts)
     conditions = set(ANY_NUMBER.findall(" ".join(stated).replace(",", "")))
     numbers = [number for number in first if number.replace(",", "") not in conditions]
     return [*numbers, *(number for cell in rest for number in cell)]

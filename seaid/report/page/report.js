@@ -291,6 +291,13 @@
   addEventListener("beforeprint", () => { opened = [...document.querySelectorAll("details:not([open])")]; opened.forEach((one) => { one.open = true; }); });
   addEventListener("afterprint", () => { opened.forEach((one) => { one.open = false; }); });
 
+  // A link to a code opens its cause and advice.
+  const showLinked = () => {
+    for (let part = at(location.hash.slice(1)); part?.matches("details"); part = part.parentElement.closest("details")) part.open = true;
+  };
+  addEventListener("hashchange", showLinked);
+
+  showLinked();
   if (traces) startTraces();
   startCopies();
   startTheme();
