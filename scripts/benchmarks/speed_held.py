@@ -24,7 +24,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +31,7 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parents[2]))
 
 from scripts.benchmarks.fast import ROOT, ROWS, RUNS, SHORT, Tree
+from scripts.claims import CLAIMS, runs_of
 from scripts.short_form import add_quick, sized
 
 LIMIT, TRIES, FAILURES = 1.15, 3, 2
@@ -136,15 +136,13 @@ def main(names: list[str], against: str) -> int:
 
 def claimed() -> dict[str, float]:
     """Return the claims that are ratios to a peer in one process, {row of `fast.py`: figure}."""
-    runs = tomllib.loads((ROOT / "docs/claims.toml").read_text("utf-8"))
     figures = dict[str, float]()
-    for run in runs.values():
-        only = re.fullmatch(
-            r"python scripts/benchmarks/fast\.py --only (\w+)", run.get("command", "")
-        )
+    for run in runs_of((ROOT / CLAIMS).read_text("utf-8")):
+        ratios = [claim for claim in run.claims if claim.name == f"{run.name}.ratio"]
+        only = re.fullmatch(r"python scripts/benchmarks/fast\.py --only (\w+)", run.command)
         row = ROWS.get(only[1]) if only else None
-        if row is not None and row.prepare is not None and "over" in row.how and "ratio" in run:
-            figures[only[1]] = float(run["ratio"]["figure"])  # type: ignore[index]
+        if only and row and row.prepare is not None and "over" in row.how and ratios:
+            figures[only[1]] = float(ratios[0].figure)
     return figures
 
 
