@@ -25,7 +25,7 @@ FIGURES: list[tuple[str, list[str] | None, float]] = [
     ("panda.urdf", PANDA_ARM, 0.1),
     ("g1_29dof_rev_1_0.urdf", None, 0.5),
     ("talos_full_v2.urdf", None, 0.5),
-    ("romeo.urdf", None, 0.5),
+    ("romeo.urdf", None, 0.3),
     ("tiago_dual.urdf", None, 2.0),
 ]
 TURNS = sized(3, 1)
