@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -39,17 +38,6 @@ _MOST_SAMPLES = 1_000_000_000
 
 _SHORTEST_RECORD = 10.0
 """Shortest log that can be reconstructed, in periods of the cutoff."""
-
-
-class LogPart(NamedTuple):
-    """A part of a long log: its own samples have start_s <= time < end_s.
-
-    The other samples overlap with the neighbours and take the filter transients.
-    """
-
-    log: Log
-    start_s: float
-    end_s: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,7 +132,7 @@ def open_long_log(
             f"found {chunk_samples:,}"
         )
     path = Path(path)
-    first = next(iterate_log(path, robot, chunk_samples)).log
+    first = next(iterate_log(path, robot, chunk_samples))[0]
     processing = None
     if cutoff_hz is None:
         motion = reconstruct_motion(robot, first)
@@ -173,11 +161,12 @@ def open_long_log(
 
 def iterate_log(
     path: Path, robot: Robot, chunk_samples: int, overlap_samples: int = 0
-) -> Iterator[LogPart]:
-    """Yield a log file (CSV, NPZ, Parquet, HDF5) in parts that overlap on both sides.
+) -> Iterator[tuple[Log, float, float]]:
+    """Yield the parts of a log file (CSV, NPZ, Parquet, HDF5), and the time span [start, end) [s].
 
-    Memory holds one part of `chunk_samples`, which are not fewer than those of an overlap. Each
-    part is checked as in `read_log`, and all must have the same sensors. Raises LogError.
+    They overlap with their neighbours: samples beyond the span take the filter transients. Memory
+    holds one part of `chunk_samples`, which are not fewer than those of an overlap. Each part is
+    checked as in `read_log`, and all must have the same sensors. Raises LogError.
     """
     table = open_table(path)
     if table.blocks is None:
@@ -200,7 +189,7 @@ def iterate_log(
             )
         end = before + length
         end_s = float(log.time[end]) if end < len(log.time) else math.inf
-        yield LogPart(log, float(log.time[before]), end_s)
+        yield log, float(log.time[before]), end_s
 
 
 def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int]]:

@@ -395,8 +395,8 @@ def _read_every_way(path: Path, robot: Robot, description: Any) -> None:
 
     def in_pieces() -> None:
         log = seaid.open_long_log(path, robot, chunk_samples=150)
-        for part in iterate_log(path, robot, log.chunk_samples, log.overlap_samples):
-            _check_log(part.log)
+        for part, *_ in iterate_log(path, robot, log.chunk_samples, log.overlap_samples):
+            _check_log(part)
 
     refusals = []
     ways: list[Callable[[], object]] = [

@@ -61,7 +61,7 @@ def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 def parts(path: Path) -> list[Log]:
     """Return all parts of a long log."""
-    return [one.log for one in iterate_log(path, ROBOT, chunk_samples=1000)]
+    return [part for part, *_ in iterate_log(path, ROBOT, chunk_samples=1000)]
 
 
 @pytest.mark.parametrize("overlap", [0, 70])
@@ -69,18 +69,18 @@ def parts(path: Path) -> list[Log]:
 def test_parts_make_up_the_log(path: Path, chunk: int, overlap: int) -> None:
     whole = read_log(path, ROBOT)
     parts = list(iterate_log(path, ROBOT, chunk_samples=chunk, overlap_samples=overlap))
-    own = [(part.log.time >= part.start_s) & (part.log.time < part.end_s) for part in parts]
+    own = [(part.time >= start_s) & (part.time < end_s) for part, start_s, end_s in parts]
     for field in ("time", "motor_position", "joint_position", "motor_torque"):
         joined = np.concatenate(
-            [getattr(part.log, field)[mine] for part, mine in zip(parts, own, strict=True)]
+            [getattr(part, field)[mine] for (part, *_), mine in zip(parts, own, strict=True)]
         )
         assert np.array_equal(joined, getattr(whole, field), equal_nan=True)
-    for number, (part, mine) in enumerate(zip(parts, own, strict=True)):
+    for number, ((part, *_), mine) in enumerate(zip(parts, own, strict=True)):
         before = np.argmax(mine)
         after = len(mine) - before - np.sum(mine)
         assert before == (overlap if number else 0)
         assert after == overlap or number >= len(parts) - 2
-        assert len(part.log.time) <= chunk + 2 * overlap + 50
+        assert len(part.time) <= chunk + 2 * overlap + 50
 
 
 def test_speeds_are_those_of_the_whole_log_and_the_cutoff_that_of_its_first_piece(
