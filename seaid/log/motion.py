@@ -284,9 +284,8 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
 def motion_of(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
     """Return the motion of all samples of a log. Raises LogError for a hole in time."""
     check_whole(log)
-    return _motion(
-        robot, log, None if cutoff_hz is None else CutoffSelection(cutoff_hz, "as given")
-    )
+    cutoff = None if cutoff_hz is None else CutoffSelection(cutoff_hz, "as given")
+    return _motion(robot, log, cutoff)
 
 
 def _shortest_s(cutoff_hz: float | None) -> float:

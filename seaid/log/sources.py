@@ -139,9 +139,6 @@ def _quantities(
             yield _Described(where, key[-1], quantity, names, source, clock)
 
 
-DESCRIBED = "description= (seaid.describe_log infers one)"
-
-
 def _checked_columns(where: str, names: Sequence[str], table: Table) -> dict[str, None]:
     """Return names as keys. Raises LogError, which begins with `where`, for a missing column."""
     for name in names:
