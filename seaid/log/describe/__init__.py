@@ -37,6 +37,7 @@ from seaid.log.describe.joints import (
 )
 from seaid.log.describe.names import Meaning, in_file, is_of_commands, meaning_of
 from seaid.log.description import Clock, LogDescription, Source
+from seaid.log.readers.csv_file import UNNAMED
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair import LARGEST
@@ -198,6 +199,10 @@ def _understood(table: Table, robot: Robot | None) -> tuple[Block, Inference]:
     if robot is not None and not robot.base_is_held:
         infer_base(table, replace(inference, data=samples), robot)
     inference.data |= _signal_columns(samples, inference)
+    for name, values in samples.items():
+        # In front of all others it has the numbers of the lines, and without a number it is none.
+        if table.label(name) == UNNAMED and name != table.names[0] and np.isfinite(values).any():
+            inference.note(name, "last_unnamed")
     return samples, inference
 
 

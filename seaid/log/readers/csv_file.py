@@ -53,6 +53,9 @@ _EXCEL = re.compile(r'"?sep=.?"?\s*')
 _ROW_NAME = re.compile(r'"\d+"')
 """The name of a row in a file that R wrote."""
 
+UNNAMED = "unnamed"
+"""The name of a column without one, next to others that have names."""
+
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?:\d\d")
 
 _WORDS = {
@@ -168,17 +171,18 @@ def _blocks(header: _Header, lines: Iterator[str], wanted: list[str], size: int)
 
 
 def _header(path: Path, lines: Iterator[str]) -> _Header:
-    """Return the names and the format of a file, from its comments and first three other lines."""
-    comments, (first, second, third), (line, line_below) = _head(path, lines)
+    """Return the names and the format of a file, from its comments and first other lines."""
+    comments, (first, *rows), (line, below) = _head(path, lines)
     numbers = _numbered(path, first, line - 1)
     if not first or (comments and numbers):
-        header = _named(path, comments[-1], first, line - 1, is_comment=True)
+        header = _named(path, comments[-1], [first], line - 1, is_comment=True)
         if numbers is None or header.fits(numbers):
             return header
-    if numbers and (comments or not _counts_from_zero(first)):
+    # 0,1,2,... are the names that pandas gives to columns without one.
+    if numbers and (comments or not _counts(re.split(r"[,;\t|]", first), 0)):
         return numbers
-    header = _named(path, first, second, line)
-    return _with_units(path, second, _named(path, first, third, line_below), header.width) or header
+    header = _named(path, first, rows, line)
+    return _with_units(path, rows[0], _named(path, first, rows[1:], below), header.width) or header
 
 
 def _with_units(path: Path, line: str, header: _Header, width: int) -> _Header | None:
@@ -198,7 +202,7 @@ def _is_sample(cell: str) -> bool:
 
 
 def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], list[int]]:
-    """Return comments, three other lines from the names on, and the numbers of the first two."""
+    """Return comments, three or more lines from the names on, and the numbers of the first two."""
     head = {number: line.rstrip("\r\n") for number, line in enumerate(islice(lines, _MOST_HEAD), 1)}
     filled = {x: line for x, line in head.items() if line.strip() and not _EXCEL.fullmatch(line)}
     comments = [*takewhile(lambda line: line[0] in "#%", filled.values())]
@@ -208,7 +212,7 @@ def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], list[
         del others[min(others)]
     _check_head(path, "".join(comments), [*others.values()])
     end = len(head) + 1
-    return comments, [*others.values(), "", "", ""][:3], [*others, end, end][:2]
+    return comments, [*others.values(), "", "", ""], [*others, end, end][:2]
 
 
 def _check_head(path: Path, comments: str, lines: Sequence[str]) -> None:
@@ -262,21 +266,26 @@ def _is_grouped(cell: str, decimal: str) -> bool:
     return bool(_GROUPED.fullmatch(cell.strip().translate(_TO_POINT[decimal])))
 
 
-def _counts_from_zero(line: str) -> bool:
-    """Return whether a line is 0,1,2,...: the names that pandas gives to columns without one."""
-    cells = re.split(r"[,;\t|]", line)
-    return len(cells) > 2 and [cell.strip() for cell in cells] == [*map(str, range(len(cells)))]
+def _counts(cells: Sequence[str], *starts: int) -> bool:
+    """Return whether three or more cells are a start and the whole numbers behind it."""
+    counts = ([str(start + place) for place in range(len(cells))] for start in starts)
+    return len(cells) > 2 and [cell.strip() for cell in cells] in [*counts]
 
 
-def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool = False) -> _Header:
+def _named(
+    path: Path, header: str, samples: Sequence[str], skipped: int, is_comment: bool = False
+) -> _Header:
     """Return the header in a line of names; the first sample helps to find the delimiter."""
-    delimiter = _delimiter(header, sample, is_comment)
+    sample, delimiter = samples[0], _delimiter(header, samples[0], is_comment)
     names = [name.strip() for name in _row(path, header, delimiter)]
     cells = _row(path, sample, delimiter)
     has_more = len(cells) == len(names) + 1 and all(map(_is_sample, filter(None, cells)))
     if has_more and not is_comment:
-        # R has no name for the column of the names of rows, which is the first, and quotes it.
-        names.insert(0 if _ROW_NAME.match(sample) else len(names), "unnamed")
+        # R has no name for the column of the names of rows, which is the first. A last cell that is
+        # empty is behind a delimiter at the end of the line.
+        firsts = [_row(path, line, delimiter)[0] for line in samples if line.strip()]
+        is_first = _ROW_NAME.match(sample) or (cells[-1].strip() and _counts(firsts, 0, 1))
+        names.insert(0 if is_first else len(names), UNNAMED)
     decimal = "." if delimiter == "," else _decimal_of(sample.split(delimiter))
     named = _Header(path, names, delimiter, decimal, len(names), skipped)
     return named if decimal == "," else _with_lists(named, cells)
@@ -309,8 +318,9 @@ def _delimiter(header: str, sample: str, is_comment: bool) -> str:
     fitting = (mark for mark in ranked if sample.count(mark) == header.count(mark))
     if ranked:
         return next(fitting, ranked[0])
-    numbers = _numbered(Path(), sample, 0)
-    in_both = numbers and (numbers.delimiter, numbers.width) == (" ", len(header.split()))
+    count, numbers = len(header.split()), _numbered(Path(), sample.replace('"', ""), 0)
+    # The column of the names of rows has none: several names may be one fewer than the numbers.
+    in_both = numbers and numbers.delimiter == " " and numbers.width - count in (0, count > 1)
     return " " if is_comment or in_both else ","
 
 

@@ -227,3 +227,17 @@ def test_columns_are_what_their_names_and_samples_say(tmp_path: Path, case: dict
     assert case.get("time") in (None, content.get("time", False))
     for kind, text in (("unsure", doubts), ("assumed", "\n".join(inferred.assumed))):
         assert not text or f"{kind}: {text.splitlines()[0]}" in f"{inferred}{inferred.to_toml()}"
+
+
+@pytest.mark.parametrize(("first", "count"), [(1, 0), (0, 0), (7, 1)])
+def test_a_column_without_a_name_is_the_numbers_of_the_rows_or_the_last_one_in_doubt(
+    tmp_path: Path, first: int, count: int
+) -> None:
+    """Where the first cells number the rows all columns keep their names."""
+    rows = np.column_stack([first + np.arange(len(TIME)), TIME, np.sin(TIME), np.cos(TIME)])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, fmt="%.6g", delimiter=",", header="t,q,tau", comments="")
+    inferred = describe_log(path)
+    assert sum("taken for the last column" in doubt for doubt in inferred.unsure) == count
+    assert inferred.unused == ("unnamed",)
+    assert inferred.description.joints["joint"]["joint_position"].column == "q"
