@@ -143,8 +143,7 @@ class Channel:
 
     `name` is a column name of seaid with the unit, as "elbow.motor_position_rad". `period` is that
     of an encoder that wraps around, in the same unit, or None. The samples show the state `delay_s`
-    before their time. Both arrays may contain NaN. Raises LogError for arrays of different lengths,
-    and for a period that is not positive.
+    before their time. Both arrays may contain NaN. Raises LogError for arrays of different lengths.
     """
 
     name: str
@@ -160,8 +159,6 @@ class Channel:
         object.__setattr__(self, "values", values)
         check_size(f"time of '{self.name}'", time, LARGEST)
         check_size(f"'{self.name}'", values, LARGEST)
-        if self.period is not None and not (np.isfinite(self.period) and self.period > 0):
-            raise LogError(f"the period of '{self.name}' must be above zero, found {self.period}")
 
     @property
     def quantity(self) -> Quantity:
