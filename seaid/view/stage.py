@@ -1,9 +1,9 @@
 """Stage and Figure: the shapes of a robot as meshes of a viser scene, on one frame per joint.
 
 A viser server and a `Picture` come in. The scene then has the robot and a ghost of it, and poses of
-the joints' frames move them: no mesh is sent again. Pinocchio's `ViserVisualizer` is not used, as it
-loads meshes by path, places each geometry instead of each joint in every posture, and
-has no colours that change with the deflection.
+the joints' frames move them: no mesh is sent again. Pinocchio's `ViserVisualizer` is not used: it
+loads meshes by path, places each geometry instead of each joint in every posture, and has no
+colours that change with the deflection.
 """
 
 from __future__ import annotations
