@@ -58,9 +58,9 @@ class SeaidError(Exception):
             message = f"{message[:half]} ... {message[-half:]}"
         super().__init__(visible(message))
 
-    def at(self, place: object) -> Self:
-        """Return the error with the place of its cause in front."""
-        return type(self)(f"{place}: {self.reason}", *self.arguments, advice=self.advice)
+    def at(self, place: object, *more: str) -> Self:
+        """Return the error with the place of its cause, which may name arguments, in front."""
+        return type(self)(f"{place}: {self.reason}", *self.arguments, *more, advice=self.advice)
 
 
 class RobotError(SeaidError):

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import click
 
 import seaid
-from seaid.errors import shortened
+from seaid.errors import SeaidError, shortened
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,8 @@ class Kind(click.ParamType[Any]):
             return self.parse(value)
         except ValueError:
             self.fail(f"'{shortened(value)}' {self.wrong}", param, ctx)
+        except SeaidError as problem:
+            raise problem.at(param.opts[0]) from None
 
 
 class File(click.Path):

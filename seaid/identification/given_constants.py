@@ -124,7 +124,7 @@ def check_known_std(known_std: Mapping[str, float]) -> None:
         of_constant = f"known_std of '{name}'"
         if not 0 < number(of_constant, std, IdentificationError) <= 1:
             text = f"must be a relative standard deviation above 0 and at most 1, found {std}"
-            raise IdentificationError(f"{of_constant} {text}", "known_std=")
+            raise IdentificationError(f"{of_constant} {text}", "known_std")
 
 
 def check_in_use(robots: Collection[Robot], known_std: Mapping[str, float]) -> None:
@@ -134,7 +134,7 @@ def check_in_use(robots: Collection[Robot], known_std: Mapping[str, float]) -> N
         used.discard("payload")
     for name in known_std.keys() - used:
         text = f"known_std has '{name}', and of the robot none is known: leave it out, or give it"
-        raise IdentificationError(text, "known_std=")
+        raise IdentificationError(text, "known_std")
 
 
 def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, float]:

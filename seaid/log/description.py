@@ -401,13 +401,15 @@ Described = LogDescription | Mapping[str, Any] | str | Path
 
 def description_for(path: Path, description: Described | None) -> LogDescription | None:
     """Return the description given for a log, or in the TOML file next to it, or None."""
-    if isinstance(description, LogDescription):
-        description = description.to_dict()
+    description = description.to_dict() if isinstance(description, LogDescription) else description
     if isinstance(description, Mapping):
         return _described("description=", description)
-    if description is not None:
+    if description is None:
+        return _described_next_to(path)
+    try:
         return _described(f"'{description}'", read_toml(description, "the description", LogError))
-    return _described_next_to(path)
+    except LogError as problem:
+        raise problem.at("description=", "description=") from None
 
 
 def _described_next_to(path: Path) -> LogDescription | None:

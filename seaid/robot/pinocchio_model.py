@@ -201,7 +201,7 @@ def assemble(
         check_name("link", payload.link, tree.links, RobotError, "payloads=", "payloads=")
         parent, placement = frames[payload.link]
         if not parent and not floats:
-            raise RobotError(f"payload on '{payload.link}': no joint moves this link")
+            raise RobotError(f"payloads=: no joint moves '{payload.link}'", "payloads=")
         loads[order[parent - 1] if parent else -1] += in_parent_frame(payload.parameters, placement)
     bodies[-1] += tree.links[tree.root]
     _check_masses(tree, moving, bodies[:-1])

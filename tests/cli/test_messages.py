@@ -14,7 +14,8 @@ def files(arm: Path) -> None:
     rows = (arm / "run.csv").read_text("utf-8").splitlines()
     still = [rows[0], *(f"0,{row.partition(',')[2]}" for row in rows[1:])]
     (arm / "no_time.csv").write_text("\n".join(still), "utf-8")
-    (arm / "log.toml").write_text('[joints.elbow]\njoint_position = "q"\n')
+    elbow = '[joints.elbow]\njoint_position = "q"\n'
+    (arm / "log.toml").write_text(elbow)
 
 
 MISTAKES = {
@@ -32,6 +33,8 @@ MISTAKES = {
     "simulate arm.urdf run_plan.json --joint-offset elbo=1 -o {}/a.csv": "--joint-offset: no joint",
     "inspect arm.urdf --payload hand:1": "--payload: no link is named 'hand'",
     "inspect arm.urdf --payload elbow:1": "--payload: 'elbow' is a joint: name a link",
+    "inspect arm.urdf --payload lower:-1": "Error: --payload: mass of the payload on 'lower' must",
+    "inspect arm.urdf --payload base:1": "Error: --payload: no joint moves 'base'",
     "check arm.urdf run.csv --known-body uper": "no body that a joint moves is named 'uper'",
     "view --run nowhere": "no saved run at 'nowhere'",
     "identify arm.urdf . -o {}/o": "'.'",
@@ -50,6 +53,9 @@ MISTAKES = {
     "identify arm.urdf run.csv --estimator iv --method simultaneous -o {}/a.json": (
         '--estimator "iv" needs --method "two-step"'
     ),
+    "identify arm.urdf run.csv --known-std torque=3 -o {}/a.json": "Error: --known-std of 'torque'",
+    "identify arm.urdf run.csv --known-std payload=0.1 -o {}/a.json": "--known-std has 'payload'",
+    "check arm.urdf run.csv --description no.toml": "Error: --description: cannot read the descr",
     "excite arm.urdf --seed -1 -o {}/p.json": "--seed must be a whole number of 0 or more",
     "excite arm.urdf --lower 1 --upper -1 -o {}/p.json": (
         "give others by --lower shoulder=..., --upper shoulder=..."

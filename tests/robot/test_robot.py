@@ -215,7 +215,7 @@ BROKEN = StiffDrive(gear_ratio=1.0, extra_terms=("c*",))
         ({"joints": "hip_yaw"}, r"joints= must be a list of names, found .*'hip_yaw'"),
         ({"joints": []}, r"leg\.urdf' has no joint that moves"),
         ({"payloads": [Payload("foott", 1.0)]}, r"no link is named 'foott'; did you mean 'foot'\?"),
-        ({"payloads": [Payload("trunk", 1.0)]}, "payload on 'trunk': no joint moves this link"),
+        ({"payloads": [Payload("trunk", 1.0)]}, "payloads=: no joint moves 'trunk'"),
         ({"known_bodies": ["shnak"]}, "known_bodies: no body .* 'shnak'; did you mean 'shank'"),
         ({"known_bodies": ["trunk"]}, "no body that a joint moves is named 'trunk'; allowed"),
         ({"known_bodies": "trunk"}, "no body that a joint moves is named 'trunk'; allowed"),
