@@ -21,7 +21,7 @@ from seaid._arrays import Array, FrozenMapping, is_constant
 from seaid._files import MOST_TOML_BYTES, from_template, read_toml, toml_key, toml_text
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.drives import total_ratio
-from seaid.errors import LogError, check_name, listed, shortened, shown, unknown_name
+from seaid.errors import LogError, listed, shortened, shown, unknown_name
 from seaid.log.channels import (
     OF_BASE,
     OF_CONTACTS,
@@ -62,16 +62,13 @@ class Clock:
     """
 
     column: ColumnName | None = None
-    unit: str = "s"
+    unit: Annotated[str, Within("s, ms, us or ns", UNIT_FACTORS["s"].__contains__)] = "s"
     rate_hz: Divisor | None = None
     nanoseconds: ColumnName | None = None
 
     def __post_init__(self) -> None:
         if (self.column is None) == (self.rate_hz is None):
             raise LogError("a time needs either column or rate_hz")
-        if self.rate_hz is not None and not 0 < self.rate_hz < math.inf:
-            raise LogError(f"rate_hz must be above zero and finite, found {self.rate_hz}")
-        check_name("unit of time", self.unit, UNIT_FACTORS["s"], LogError)
         if self.nanoseconds is not None and (self.column is None or self.unit != "s"):
             raise LogError("nanoseconds are added to a column of seconds")
 
@@ -158,7 +155,7 @@ class Source:
 
     columns: tuple[str, ...] = ()
     unit: str | None = None
-    sign: int = 1
+    sign: Annotated[int, Within("1 or -1", lambda x: x in (1, -1))] = 1
     frame: Frame | None = None
     order: Order | None = None
     scale: Factor = 1.0
@@ -461,7 +458,23 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
         key: _sources(f"{where} [{'.'.join(map(shortened, key))}]", table, _ROWS[key[0]])
         for key, table in tables.items()
     }
+    _check_columns(where, {key[1]: sources for key, sources in read.items() if key[0] == "joints"})
     return LogDescription(**values).with_tables(read)
+
+
+def _check_columns(where: str, joints: Mapping[str, Sources]) -> None:
+    """Raise LogError for a column that is named for two quantities of joints.
+
+    Joints may share a column of one quantity, as a supply, or the encoder of coupled joints.
+    """
+    uses: dict[str, tuple[str, str]] = {}
+    for joint, sources in joints.items():
+        for quantity, source in sources.items():
+            use = f"[joints.{shortened(joint)}] {quantity}"
+            before, first = uses.setdefault(source.column, (quantity, use))
+            if source.columns and before != quantity:  # a servo has no column of its own
+                names = {"column": shortened(source.column), "first": first, "second": use}
+                raise refusal("two_quantities", where=where, **names)
 
 
 _LONG_NAMES = {row.short_name: name for name, row in OF_JOINTS.items() if row.short_name}
@@ -489,40 +502,32 @@ def _sources(where: str, table: Any, rows: Mapping[str, Quantity]) -> dict[str, 
     return {name: replace(x, time=x.time or clock) for name, x in sources.items()}
 
 
-_OF_VECTORS = ("columns", "frame", "order", "scale", "above", "unknown", "delay_s")
-_KEYS = types_of(Source) | {"columns": Any}
-_KEYS_OF_VECTORS = {key: _KEYS[key] for key in _OF_VECTORS}
-_KEYS_OF_JOINTS = {"column": Any} | {
-    key: kind for key, kind in _KEYS.items() if key not in {*_OF_VECTORS} - {"scale", "delay_s"}
+_KEYS = {"column": Any} | types_of(Source) | {"columns": Any}
+"""{key: type} of all sources."""
+
+_VECTORS = OF_BASE | OF_CONTACTS
+
+_QUANTITIES: dict[str, Collection[str]] = {
+    **dict.fromkeys(("scale", "delay_s"), OF_JOINTS | _VECTORS),
+    "columns": _VECTORS,
+    "frame": [name for name, row in OF_BASE.items() if row.frame],
+    **{"order": ("orientation",), "above": ("contact",), "unknown": ("contact",)},
+    "side": [x for x, row in OF_JOINTS.items() if row.is_position or x.endswith("_torque")],
+    "servo": ("motor_voltage",),
 }
-"""{key: type} of the sources of a vector, and of those of a joint."""
+"""{key: the quantities whose sources have it}, of keys that those of joints do not all have."""
 
 
 def _source(where: str, row: Quantity, value: Any) -> Source:
     """Return the source of a quantity of a joint, or of a vector of the base or of a contact."""
     if isinstance(value, Source):
         return value
-    is_of_joint = row.name in OF_JOINTS
-    key, keys = ("column", _KEYS_OF_JOINTS) if is_of_joint else ("columns", _KEYS_OF_VECTORS)
-    table = value if isinstance(value, Mapping) else {key: value}
-    values = _READER.table(keys, table, where)
-    named = values.pop(key, None)
-    columns = () if named is None else _expanded(f"{where}: '{key}'", named)
-    for name, quantities in _ONLY_OF.items():
-        if name in table and row.name not in quantities:
-            raise LogError(f"{where}: {name} is not for {row.name}, found {shown(table[name])}")
-    source = Source(columns, **values)
+    keys = {x: kind for x, kind in _KEYS.items() if row.name in _QUANTITIES.get(x, OF_JOINTS)}
+    key = "column" if row.name in OF_JOINTS else "columns"
+    values = _READER.table(keys, value if isinstance(value, Mapping) else {key: value}, where)
+    source = Source(_expanded(f"{where}: '{key}'", values.pop(key, ())), **values)
     _check_source(where, row, source)
     return source
-
-
-_ONLY_OF: dict[str, Collection[str]] = {
-    "frame": [name for name, row in OF_BASE.items() if row.frame],
-    "side": [x for x, row in OF_JOINTS.items() if row.is_position or x.endswith("_torque")],
-    **{"order": ("orientation",), "above": ("contact",), "unknown": ("contact",)},
-    "servo": ("motor_voltage",),
-}
-"""{key: the quantities that have it}, of keys that not all have."""
 
 
 def _expanded(where: str, value: Any) -> tuple[str, ...]:
@@ -552,13 +557,12 @@ def _check_source(where: str, row: Quantity, source: Source) -> None:
         "no_unit": unit not in (None, *units),
         "counts": (unit == "counts") != (counts.count(None) == 1),
         "torque_constant": is_current != (source.torque_constant_Nm_per_A is not None),
-        "no_sign": source.sign not in (1, -1),
         "no_period": source.wraps is not None and isinstance(source.times, str),
     }
     for code in (code for code, is_there in faults.items() if is_there):
         unknown = unknown_name("unit of this quantity", unit, units)
-        values = {"width": row.width, "unknown": unknown, "sign": source.sign}
-        raise refusal(code, where=where, columns=counted(count, "column"), **values)
+        values = {"columns": counted(count, "column"), "width": row.width, "unknown": unknown}
+        raise refusal(code, where=where, **values)
 
 
 Entry = str | Mapping[str, Any]

@@ -16,6 +16,7 @@ def files(arm: Path) -> None:
     (arm / "no_time.csv").write_text("\n".join(still), "utf-8")
     elbow = '[joints.elbow]\njoint_position = "q"\n'
     (arm / "log.toml").write_text(elbow)
+    (arm / "twice.toml").write_text(f'{elbow}motor_torque = "q"\n')
 
 
 MISTAKES = {
@@ -56,6 +57,7 @@ MISTAKES = {
     "identify arm.urdf run.csv --known-std torque=3 -o {}/a.json": "Error: --known-std of 'torque'",
     "identify arm.urdf run.csv --known-std payload=0.1 -o {}/a.json": "--known-std has 'payload'",
     "check arm.urdf run.csv --description no.toml": "Error: --description: cannot read the descr",
+    "check arm.urdf run.csv --description twice.toml": "--description: 'twice.toml': column 'q' is",
     "excite arm.urdf --seed -1 -o {}/p.json": "--seed must be a whole number of 0 or more",
     "excite arm.urdf --lower 1 --upper -1 -o {}/p.json": (
         "give others by --lower shoulder=..., --upper shoulder=..."

@@ -101,8 +101,8 @@ def test_value_is_the_column_in_si_units_at_its_side(
     is_sliding, quantity = quantity.startswith("slide"), quantity.removeprefix("slide").strip()
     kind, quantity = "prismatic" if is_sliding else "continuous", quantity or "joint_position"
     robot = robot_of(tmp_path, DRUM if is_sliding else PULLEYS, kind=kind)
-    description = described(**{quantity: {"column": "b", **source}})
-    log = read_log(log_file(tmp_path), robot, description=description)
+    description = described(**{quantity: {"column": "d", **source}})
+    log = read_log(log_file(tmp_path, d=wave(0.7)), robot, description=description)
     expected = factor * wave(0.7) + zero
     np.testing.assert_allclose(log.sensors()[quantity][:, 0], expected, rtol=1e-12)
 
