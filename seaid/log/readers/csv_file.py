@@ -277,13 +277,13 @@ def _named(
 ) -> _Header:
     """Return the header in a line of names; the first sample helps to find the delimiter."""
     sample, delimiter = samples[0], _delimiter(header, samples[0], is_comment)
-    names = [name.strip() for name in _row(path, header, delimiter)]
+    names = [*map(str.strip, _row(path, header, delimiter))]
     cells = _row(path, sample, delimiter)
     has_more = len(cells) == len(names) + 1 and all(map(_is_sample, filter(None, cells)))
     if has_more and not is_comment:
         # R has no name for the column of the names of rows, which is the first. A last cell that is
         # empty is behind a delimiter at the end of the line.
-        firsts = [_row(path, line, delimiter)[0] for line in samples if line.strip()]
+        firsts = [_row(path, line, delimiter)[0] for line in filter(str.strip, samples)]
         is_first = _ROW_NAME.match(sample) or (cells[-1].strip() and _counts(firsts, 0, 1))
         names.insert(0 if is_first else len(names), UNNAMED)
     decimal = "." if delimiter == "," else _decimal_of(sample.split(delimiter))
