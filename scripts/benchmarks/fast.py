@@ -10,6 +10,9 @@ whole processes. With `--against TREE` the runs of this code and of another chec
 the last column is the time here over the time there. With `--long` the rows are those that take
 minutes, each run once as a process of its own, with its peak memory; one that takes more than
 `MOST_GB` or `MOST_S` is stopped, and its row says so.
+
+The row of the checks is a share of one identification: the processor time of checks over that of
+all else in the same run (`checks_and_fit`).
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from __future__ import annotations
 import argparse
 import os
 import resource
+import signal
 import statistics
 import subprocess
 import sys
@@ -27,6 +31,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,6 +92,56 @@ def two_identifications(_: Path) -> tuple[str, ...]:
         "work, _ = identification()\n"
         "print(seconds(work), seconds(work))",
     )
+
+
+def checks_in_one_run(_: Path) -> tuple[str, ...]:
+    """Return a process that prints the times of the checks and of the fit of one identification."""
+    return (
+        "-c",
+        "import warnings; warnings.simplefilter('ignore')\n"
+        f"import sys; sys.path.append({str(ROOT)!r})\n"
+        "from scripts.benchmarks.fast import checks_and_fit, identification\n"
+        "work, _ = identification()\n"
+        "work()\n"
+        "print(*checks_and_fit(work))",
+    )
+
+
+OF_CHECKS = ("/seaid/checks/", "/identification/checking.py", "/identification/sensitivity.py")
+"""Files of the checks: the package, and what of the identification serves nothing else."""
+
+EVERY_S = 0.001
+"""Processor time between two looks at the stack."""
+
+
+def checks_and_fit(work: Work) -> tuple[float, float]:
+    """Return the processor times [s] of a call within the checks, and of all else of it.
+
+    Each look at the stack counts the time since the last one for the checks if a function of theirs
+    is on it. A long call of a library is looked at when it returns, and counts as a whole.
+    """
+    times = {True: 0.0, False: 0.0}
+    last = time.process_time()
+
+    def look(_: int, frame: FrameType | None) -> None:
+        nonlocal last
+        is_check = False
+        while frame is not None and not is_check:
+            is_check = any(part in frame.f_code.co_filename for part in OF_CHECKS)
+            frame = frame.f_back
+        now = time.process_time()
+        times[is_check] += now - last
+        last = now
+
+    before = signal.signal(signal.SIGPROF, look)
+    signal.setitimer(signal.ITIMER_PROF, EVERY_S, EVERY_S)
+    try:
+        last = time.process_time()
+        work()
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+    return times[True], times[False]
 
 
 def two_projects(folder: Path) -> tuple[str, ...]:
@@ -395,14 +450,15 @@ def measured_once(row: LongRow) -> str:
             stderr=(errors := (Path(folder) / "errors").open("w+", encoding="utf-8")),
         )
         begin, peak, end = time.monotonic(), 0.0, ""
-        while process.poll() is None:
-            peak = max(peak, peak_GB(process.pid))
-            if peak > MOST_GB or time.monotonic() - begin > MOST_S:
-                process.kill()
-                end = " stopped"
-                break
-            time.sleep(0.05)
-        code = process.wait()
+        try:
+            while process.poll() is None and not end:
+                peak = max(peak, peak_GB(process.pid))
+                if peak > MOST_GB or time.monotonic() - begin > MOST_S:
+                    end = " stopped"
+                time.sleep(0.05)
+        finally:
+            process.kill()  # also if this one is stopped; nothing happens to one that has ended
+            code = process.wait()
         with errors:
             errors.seek(0)
             refusal = next((x for x in errors if "error" in x.lower()), f"exit code {code}")
@@ -436,6 +492,7 @@ ROWS = {
     "hebi": Row("seaid identify, HEBI log of 25 s", 2.0, PROCESS, lambda _: ("identify", *HEBI)),
     "run": Row("seaid run, project of a HEBI arm", 2.0, PROCESS, hebi_project),
     "identify": Row("identify, leg", 0.4, INSIDE, prepare=identification),
+    "checks": Row("checks of identify, leg", 0.33, "over the fit", prints=checks_in_one_run),
     "first": Row("first identify, leg", 1.2, "over the second", prints=two_identifications),
     "robots": Row(
         *("seaid run of two projects, two workers", 0.55, "time on the clock over one worker"),
@@ -576,6 +633,7 @@ if __name__ == "__main__":
     if arguments.serve:
         serve()
     elif arguments.long:
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # ends the child as Ctrl+C does
         for name in list(LONG) if "" in arguments.long else arguments.long:
             print(f"{name:12} {LONG[name].title:34} {measured_once(LONG[name])}", flush=True)
     else:
