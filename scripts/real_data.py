@@ -1,12 +1,16 @@
 """Identify every measured set, and compare the estimates with known values.
 
 The sets are in `models/logs/`, with their sources and licences. `scripts/real_data.toml` has the
-robot, drives, log description and known values of each set.
+robot, drives, log description and known values of each set. With `--named` the table of causes in
+`models/logs/README.md` is compared with the findings of the golden file instead.
 """
 
 from __future__ import annotations
 
 import argparse
+import gzip
+import json
+import re
 import sys
 import tomllib
 import warnings
@@ -375,6 +379,38 @@ def markdown(rows: list[Row]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
+GOLDEN_GROUPS = ("measured", "XL330", "commands")
+"""Groups of the golden file that have the measured sets."""
+
+
+def named_findings() -> set[tuple[str, str]]:
+    """Return {(set, code)} of the findings above a note, as the golden file has them."""
+    content = gzip.decompress((ROOT / "tests" / "data" / "golden.json.gz").read_bytes())
+    return {
+        (name, words.split()[0])
+        for name, case in json.loads(content)["cases"].items()
+        if case["group"] in GOLDEN_GROUPS
+        for kind, *values in case["records"].values()
+        if kind == "codes"
+        for words in values[0]
+        if words.split()[1] != "note"
+    }
+
+
+def listed_findings() -> set[tuple[str, str]]:
+    """Return {(set, code)} of the table of `models/logs/README.md`."""
+    text = (DATA / "README.md").read_text(encoding="utf-8").partition("## Causes that are named")[2]
+    rows = re.findall(r"^\| `([a-z-]+)`[^|]*\| ([^|]+) \|", text, re.MULTILINE)
+    return {(name.strip(), code) for code, names in rows for name in names.split(";")}
+
+
+def unlisted() -> list[str]:
+    """Return the differences between the table and the golden file."""
+    named, table = named_findings(), listed_findings()
+    lines = [f"the table lacks {code} of {name}" for name, code in sorted(named - table)]
+    return lines + [f"{name} has no {code} any more" for name, code in sorted(table - named)]
+
+
 def main(data: Path, output: Path) -> None:
     """Identify all available sets; print the table and save it with the figures."""
     result_folder(output)
@@ -399,6 +435,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the measured sets")
     parser.add_argument("--output", type=Path, default=Path("out/real_data"), help="result folder")
+    parser.add_argument("--named", action="store_true", help="compare the table of causes only")
     arguments = parser.parse_args()
+    if arguments.named:
+        sys.exit("\n".join(unlisted()) or None)
     warnings.filterwarnings("ignore", category=seaid.SeaidWarning)
     main(arguments.data, arguments.output)

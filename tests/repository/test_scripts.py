@@ -133,7 +133,7 @@ SHORT_FORMS = {
     "identify_philips_arm.py": ("--quick --output OUT",),
     "look.py": ("--quick --output OUT",),
     "mutants.py": ("--count 1 --only estimation/par --tests test_parameters --output OUT",),
-    "real_data.py": ("--data OUT/none --output OUT",),
+    "real_data.py": ("--data OUT/none --output OUT", "--named"),
     "ship_measured_logs.py": ("--originals OUT/none",),
     "so101.py": ("--logs OUT/none",),
 }
