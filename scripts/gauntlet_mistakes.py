@@ -35,7 +35,8 @@ HELD_OUT = 99
 class Setup:
     """What a user hands over: files, logs and options.
 
-    `description` is the content of the TOML next to each log, `options` those of `identify`.
+    `description` is the content of the TOML next to each log, `options` those of `identify`, and
+    `base` those of a floating base.
     """
 
     urdf: str
@@ -46,6 +47,7 @@ class Setup:
     gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
     repair: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
+    base: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ class Case:
                 for number in range(logs)
             ),
             descriptions=({},) * logs,
+            base=self.subject.base,
         )
 
 
@@ -102,6 +105,8 @@ class Mistake:
         The result is right all the same, so that nothing else than `codes` may be flagged.
     by_masses : bool
         What repairs it is a value that only nominal masses of the robot file give.
+    of_quadruped : bool
+        It is made at the quadruped, and no other one is.
     """
 
     name: str
@@ -114,6 +119,7 @@ class Mistake:
     repairable: bool = True
     harmless: bool = False
     by_masses: bool = False
+    of_quadruped: bool = False
 
     @property
     def title(self) -> str:

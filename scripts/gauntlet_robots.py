@@ -11,7 +11,7 @@ import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 import seaid
+from scripts.gauntlet_legs import QUADRUPED, quadruped_columns, quadruped_files
 from seaid._arrays import Array
 from seaid._files import read_toml
 from seaid.cli.kinds import payload_of
@@ -63,6 +64,8 @@ class Subject:
         The joint in whose origin the length of a link is.
     simulator : str
         "seaid" or "mujoco".
+    base : mapping
+        The options of `load_robot` of a floating base; empty for one that is held.
     """
 
     name: str
@@ -76,6 +79,7 @@ class Subject:
     minor_pair: tuple[str, str]
     length: str
     simulator: str = "seaid"
+    base: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def elastic(self) -> list[str]:
@@ -167,7 +171,10 @@ def subjects() -> dict[str, Subject]:
 
 @cache
 def right_subjects() -> dict[str, Subject]:
-    """Return the true robots of right set-ups: one more has a finger that follows its wrist."""
+    """Return the true robots of right set-ups: two more, a mimic joint and a floating base.
+
+    One has a finger that follows its wrist, the other is a quadruped on the ground.
+    """
     stiff = subjects()["stiff"]
     finger = _JOINT.format(
         *("finger", "revolute", "hand", "tip", "0.04 0 0.1", "0 1 0", -2, 2, 8, 20),
@@ -175,7 +182,14 @@ def right_subjects() -> dict[str, Subject]:
     ).replace("</joint>", '<mimic joint="wrist" multiplier="-0.5"/></joint>')
     urdf = stiff.urdf.replace("</robot>", f"{finger}</robot>")
     mimic = replace(stiff, name="mimic", urdf=urdf, simulator="seaid")
-    return {**subjects(), "mimic": mimic}
+    return {**subjects(), "mimic": mimic, QUADRUPED: quadruped_subject()}
+
+
+def quadruped_subject() -> Subject:
+    """Return the quadruped, whose bodies, torques and feet alone are judged."""
+    urdf, base = quadruped_files()
+    joints = "FL_HAA", "FL_HFE"
+    return Subject(QUADRUPED, urdf, {}, "", "", *joints, joints, joints, joints[1], "mujoco", base)
 
 
 def load(
@@ -205,7 +219,7 @@ BY_SEAID = ("damping", "hysteresis", "parallel", "preload", "constant", "tendon"
 
 def true_payload(subject: Subject, truth: str) -> tuple[str, ...]:
     """Return the payload that the true robot has."""
-    if truth == "bare":
+    if truth == "bare" or not subject.payload:
         return ()
     return (heavier(subject.payload, 0.25 if truth == "light" else 1.0),)
 
@@ -309,7 +323,8 @@ def deflection(robot: seaid.Robot, motion: Motion, joint: str) -> Array:
 def true_robot(name: str, truth: str) -> seaid.Robot:
     """Return a true robot."""
     subject = right_subjects()[name]
-    return load(subject.urdf, true_drives(subject, truth), true_payload(subject, truth))
+    drives, payloads = true_drives(subject, truth), true_payload(subject, truth)
+    return load(subject.urdf, drives, payloads, **subject.base)
 
 
 def commanded(name: str, motion: int, log: Columns, drives: Tables) -> tuple[Columns, Tables]:
@@ -488,6 +503,8 @@ class Sensors:
 
 def columns(name: str, truth: str, motion: int, sensors: Sensors) -> Columns:
     """Return the log of a true motion, with white torque noise and motor encoder offsets."""
+    if name == QUADRUPED:
+        return quadruped_columns(motion, sensors.seed if sensors.noise else None)
     robot, true = true_robot(name, truth), true_motion(name, truth, motion)
     rng = np.random.default_rng((sensors.seed, 7))
     step = 2 * np.pi / sensors.joint_counts

@@ -1,4 +1,4 @@
-"""Quadrupeds on the ground in MuJoCo: they sway, turn, and lift their feet one after the other."""
+"""Quadrupeds on the ground in MuJoCo: they sway, turn, lift their feet in turn, or trot."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ from seaid.robot import Contact, Robot
 from seaid.robot.pinocchio_model import floating_model
 
 _PLAN_HZ, _SETTLE_S, _LIFT_S = 100, 1.0, 2.0
+_PERIOD_S, _SWING = 0.6, 0.4
+"""Of a trot: its period, and the share of it for which a foot swings."""
+
 HOME = np.tile([0.0, 0.8, -1.6], 4)
 
 
@@ -169,6 +172,28 @@ def plan(
     R = np.array([pin.rpy.rpyToMatrix(*angles) for angles in tilt])
     angles = _with_feet_at(robot, np.einsum("tji,tkj->tki", R, feet - place[:, None]))
     return Targets(time, angles, np.zeros_like(angles))
+
+
+def trot(robot: Robot, legs: Quadruped, duration_s: float, seed: int) -> Targets:
+    """Trot on the spot, and forth and back, while the base sways."""
+    rng, t = np.random.default_rng(seed), np.arange(0, duration_s, 1 / _PLAN_HZ)
+    place, tilt = legs.size * _waves(t, (0.03, 0.02, 0.04), rng), _waves(t, (0.12, 0.12, 0.15), rng)
+    feet = np.tile(foot_positions(robot, HOME[None])[0], (len(t), 1, 1))
+    grows = legs.size * np.clip(t - 1, 0, 1)
+    for foot in range(4):
+        phase = (t / _PERIOD_S + 0.5 * (foot not in (0, 3))) % 1
+        s = np.clip(phase / _SWING, 0, 1) * (phase < _SWING)
+        feet[:, foot, 2] += grows * 0.05 * np.sin(np.pi * s) ** 2
+        forth = np.where(
+            phase < _SWING,
+            s - np.sin(2 * np.pi * s) / (2 * np.pi) - 0.5,
+            0.5 - (phase - _SWING) / (1 - _SWING),
+        )
+        feet[:, foot, 0] += grows * 0.05 * forth * np.sin(2 * np.pi * t / 7)
+    place, tilt = (gaussian_filter1d(x, 6, axis=0) for x in (place, tilt))
+    R = np.array([pin.rpy.rpyToMatrix(*angles) for angles in tilt])
+    angles = _with_feet_at(robot, np.einsum("tji,tkj->tki", R, feet - place[:, None]))
+    return Targets(t, angles, np.zeros_like(angles))
 
 
 def plant(robot: Robot, timestep_s: float = 0.0005, soft: bool = False) -> Any:

@@ -12,23 +12,20 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 from scipy.interpolate import CubicSpline
 from scipy.io import savemat
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 import seaid
 from scripts.benchmarks.legged import quadruped
 from scripts.example_robots import example_urdf
-from scripts.legged_plant import HOME, SOLO12, changed_bodies, foot_positions, plant
-from scripts.legged_plant import _waves as waves
-from scripts.legged_plant import _with_feet_at as with_feet_at
+from scripts.legged_plant import HOME, SOLO12, changed_bodies, foot_positions, plant, trot
 from scripts.short_form import sized, words
 from seaid._arrays import Array
 from seaid.legged import whole_body
 
-DURATION_S, RATE_HZ, PERIOD_S, SWING = sized(20.0, 4.0), 1000, 0.6, 0.4
+DURATION_S, RATE_HZ = sized(20.0, 4.0), 1000
 FRICTION, VISCOUS, ROTOR = 0.02, 0.01, 8e-4
 """Of each joint [N m], [N m s/rad], [kg m^2]."""
 
@@ -36,25 +33,9 @@ Signals = Mapping[str, Array]
 
 
 def targets(robot: seaid.Robot, seed: int) -> CubicSpline:
-    """Return the joint angles of a trot on the spot, and forth and back, whose base sways."""
-    rng, t = np.random.default_rng(seed), np.arange(0, DURATION_S, 0.01)
-    place, tilt = SOLO12.size * waves(t, (0.03, 0.02, 0.04), rng), waves(t, (0.12, 0.12, 0.15), rng)
-    feet = np.tile(foot_positions(robot, HOME[None])[0], (len(t), 1, 1))
-    grows = SOLO12.size * np.clip(t - 1, 0, 1)
-    for foot in range(4):
-        phase = (t / PERIOD_S + 0.5 * (foot not in (0, 3))) % 1
-        s = np.clip(phase / SWING, 0, 1) * (phase < SWING)
-        feet[:, foot, 2] += grows * 0.05 * np.sin(np.pi * s) ** 2
-        forth = np.where(
-            phase < SWING,
-            s - np.sin(2 * np.pi * s) / (2 * np.pi) - 0.5,
-            0.5 - (phase - SWING) / (1 - SWING),
-        )
-        feet[:, foot, 0] += grows * 0.05 * forth * np.sin(2 * np.pi * t / 7)
-    place, tilt = (gaussian_filter1d(x, 6, axis=0) for x in (place, tilt))
-    R = np.array([pin.rpy.rpyToMatrix(*angles) for angles in tilt])
-    own = np.einsum("tji,tkj->tki", R, feet - place[:, None])
-    return CubicSpline(t, with_feet_at(robot, own))
+    """Return the joint angles of a trot."""
+    trotting = trot(robot, SOLO12, DURATION_S, seed)
+    return CubicSpline(trotting.time, trotting.angles)
 
 
 def simulated(robot: seaid.Robot, seed: int) -> Signals:
