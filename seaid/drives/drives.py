@@ -694,7 +694,7 @@ IDEAL_DRIVE = StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
 # What drives share: one delay of commands on each bus, one value in each group of one type
 
 NORMAL_95 = 1.96
-
+"""Standard errors on either side of a normal value within which it is with 95 %."""
 
 STATED_DELAY_S = 12.5e-3
 """An unknown delay [s] of commands is within this of its nominal value, with 95 %, if the drive

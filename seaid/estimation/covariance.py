@@ -25,8 +25,8 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array, BoolArray, IndexArray
+from seaid.drives.drives import NORMAL_95
 
-_NORMAL = 1.96
 MOST_FREEDOM = 1e4
 """Degrees of freedom beyond which Student's t is normal."""
 
@@ -71,7 +71,7 @@ class LongRun:
     def for_normal_intervals(self) -> Array:
         """The covariance (p, p) by which normal 95 % intervals are right."""
         # A normal interval is 1.96 standard errors wide on either side; fixed b needs more of them.
-        return np.asarray((fixed_b(self.bandwidth) / _NORMAL) ** 2 * self.covariance)
+        return np.asarray((fixed_b(self.bandwidth) / NORMAL_95) ** 2 * self.covariance)
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -205,7 +205,7 @@ def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:
 
 def fixed_b(b: float) -> float:
     """Return the 95 % quantile of a value over the root of its Bartlett sum, of bandwidth b."""
-    return _NORMAL + sum(factor * b**power for power, factor in enumerate(_FIXED_B, 1))
+    return NORMAL_95 + sum(factor * b**power for power, factor in enumerate(_FIXED_B, 1))
 
 
 @cache

@@ -48,6 +48,8 @@ _FEWEST = 8
 """Fewest cosines above the highest corner, which determine the noise."""
 
 _DEPENDENT, _ROUNDING = 1e-7, 1e-6
+"""Part of a unit column outside the span of those before it, below which it depends on them; and
+what rounding may add to the number of cosines below a frequency, before it is rounded up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,6 +252,8 @@ def with_drifts(
 
 
 FEWEST_BLOCKS = 8
+"""Fewest blocks of rows, of all logs together, whose disagreement is tested: a log is one block if
+there are as many, and divided into parts of equal time if there are fewer."""
 
 _LEAST_LEFT = 0.3
 """Least part of the variance of a parameter, left between blocks by the fit, that is compared."""

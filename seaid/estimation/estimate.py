@@ -287,6 +287,7 @@ POORLY_DETERMINED = 1e-2
 """Singular value, relative to the largest, below which a combination is poorly determined."""
 
 _WHITENESS_LAGS = 10
+"""Largest lag [rows] of the autocorrelations that are tested together (Ljung and Box 1978)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,8 +63,14 @@ _GAUSSIAN = 1.4826
 """Standard deviation of Gaussian noise over the median of its absolute values."""
 
 _MOST_ITERATIONS = 500
+"""Reweightings after which a robust fit is refused, since its weights do not converge."""
+
 _SETTLED = 1e-6
+"""Change of the fit, over the scale of the residual of its equation, at which the weights have
+converged."""
+
 _EXACT = 1e-10
+"""The same over the torque (rms): without noise the scale is rounding, which never settles."""
 
 Weighing = Callable[[Array], Array]
 

@@ -108,12 +108,15 @@ MOST_INSTANTS = 4000
 """Instants beyond which the part of the variance that the fit removes is small: approximated."""
 
 _MOST_REWEIGHTINGS = 1000
+"""Reweightings after which a fit is refused. Weights that settle slowly are given the time: one
+takes a fraction of a millisecond."""
 
 _PLAIN_REWEIGHTINGS = 48
 """Reweightings after which every third is extrapolated. Most weights are settled after 10; where
 the likelihood is flat, the plain iteration would need some thousand."""
 
 _MOST_NAMED = 3
+"""Unidentifiable combinations that an error writes out; of the others it has the number."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, safely
 from seaid._progress import track
+from seaid.drives.drives import NORMAL_95
 from seaid.errors import ExcitationError, SeaidError
 from seaid.estimation.covariance import correlated_rows
 from seaid.estimation.parameters import Parameter, bounds_of, priors_of
@@ -42,6 +43,8 @@ Where a motor with dry friction rests, most residuals are masked, and the few th
 determine the state."""
 
 _REWEIGHTINGS = 20
+"""Most iterations for the standard deviations of the channels. Those reached then are used: the
+next step of the search estimates them again."""
 
 _MATRICES = "the search by Gauss-Newton steps"
 """What the matrices are of, in errors."""
@@ -481,6 +484,8 @@ Slopes = Callable[[Array, Array], Array]
 """Function of v (b,) and theta (p,) that returns the derivative (R, b) of H theta - y by v."""
 
 _MOST_EVALUATIONS = 60
+"""Most evaluations of the search that goes on from the best start."""
+
 _FEW_EVALUATIONS, _MOST_TRIED = 8, 12
 """Evaluations from each start that is tried, and the largest number of these."""
 
@@ -527,7 +532,7 @@ def error_growth(
     reach = errors.copy()
     # Within so many standard errors are 95 % and 99.7 % of normal errors: a misfit with a second
     # minimum may be a parabola in the one region and not in the other.
-    regions, walked = np.array([[1.96], [3.0]]), 1.5 ** np.arange(12)
+    regions, walked = np.array([[NORMAL_95], [3.0]]), 1.5 ** np.arange(12)
     others = [(start, np.zeros(1)) for start in starts[1:]]
     for place, error in enumerate(errors[len(errors) - len(best) :]):
         free = np.arange(len(best)) != place

@@ -251,7 +251,10 @@ _PART = 0.1
 """A parameter with less than this part of the largest share of a combination is not named."""
 
 _MOST_TERMS = 4
+"""Parameters of a combination that a message writes out; of the others it has the number."""
+
 _LONGEST_NAME = 40
+"""Characters of a grouping from which a message has its first parameter in place of it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -195,10 +195,22 @@ _ATTEMPTS = ((RESOLVED, 1e-8), (1e2 * RESOLVED, 1e-5), (1e4 * RESOLVED, 1e-2))
 """Least parts: of weight and barrier in chi-square, and of the barrier in the weight."""
 
 _MOST_STEPS = 200
+"""Steps after which a search ends without a minimum."""
+
 _MOST_CUTS = 50
+"""Times that a step is halved to stay feasible: 2^-50 of it is near the rounding of doubles."""
+
 _TO_THE_BOUNDARY = 0.9
+"""Part of the way to the nearest boundary that a step goes: matrices stay positive definite, and
+slacks positive."""
+
 _LEAST_CENTRING = 1e-4
+"""Least part of their mean that a corrected step aims the complementary products at, where the rule
+of Mehrotra (1992), (1 - length)^3, gives less."""
+
 _LONG = 0.3
+"""Length of a corrected step up to which a smaller part of the second-order correction is tried
+too."""
 
 _APART = 1e4
 """Largest ratio of a complementary product to their mean that helps the next step."""
