@@ -33,6 +33,7 @@ from seaid.checks.engine import Check, observed
 from seaid.checks.tolerances import MANY_TIMES, MOST, NEGLIGIBLE, RARE
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate, FittedRows
+from seaid.estimation.covariance import MOST_FREEDOM
 from seaid.estimation.fitting import with_further_columns
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.legged.floating import FloatingRobot, base_of
@@ -275,8 +276,9 @@ def missing_torques(asked: Sequence[str], used: Collection[str]) -> Iterator[Fin
         yield CODES["no-torque"].finding(case, only_joint(missing), evidence)
 
 
-_DETERMINED = 1e-6
-"""Largest part of a functional outside of the base parameters, over its norm, that is rounding."""
+DETERMINED = 1e-6
+"""Part of a functional of the parameters, or of a force, outside of what is determined (the base
+parameters, the equations) that is rounding; over its norm."""
 
 
 @dataclass(frozen=True)
@@ -344,7 +346,7 @@ def _mass_and_center(identification: Identification, name: str, rows: Array) -> 
     # c^T theta = c_b^T beta if c = c_b B (14), with the entries c_b at the base columns, where B is
     # the identity. What is left may be on known bodies, whose values are added below.
     undetermined = (rows - combined @ base.grouping) * ~robot.is_known
-    is_known = np.linalg.norm(undetermined, axis=1) <= _DETERMINED * np.linalg.norm(rows, axis=1)
+    is_known = np.linalg.norm(undetermined, axis=1) <= DETERMINED * np.linalg.norm(rows, axis=1)
     known = rows @ (robot.payload_parameters + np.where(robot.is_known, robot.parameters, 0.0))
     mass, *moment = (combined @ identification.load.values + known).tolist()
     slopes = np.vstack([combined[:1], (combined[1:] - np.outer(moment, combined[0]) / mass) / mass])
@@ -523,7 +525,7 @@ def sensor_bias(
         return None
     # Errors that are later taken as normal: the covariance is widened by the square of the ratio of
     # the t quantile to that of a covariance that is as good as known.
-    normal = (stdtrit(_freedom(estimate), 0.975) / stdtrit(_MOST_FREEDOM, 0.975)) ** 2
+    normal = (stdtrit(_freedom(estimate), 0.975) / stdtrit(MOST_FREEDOM, 0.975)) ** 2
     return SensorBias(
         places=tuple(axes.places),
         value=estimate.values[-k:],
@@ -641,11 +643,8 @@ _FAR = 3.0
 def _freedom(estimate: Estimate) -> float:
     """Return the fewest degrees of freedom of the covariance of an estimate."""
     every = estimate.degrees_of_freedom
-    return _MOST_FREEDOM if every is None else float(np.min(every, initial=_MOST_FREEDOM))
+    return MOST_FREEDOM if every is None else float(np.min(every, initial=MOST_FREEDOM))
 
-
-_MOST_FREEDOM = 1e4
-"""Degrees of freedom of a covariance that is as good as known."""
 
 _NOTHING = 1e-9
 """Part of the largest column below which one is rounding."""

@@ -43,7 +43,7 @@ from seaid.estimation.qr_factor import scaled_svd
 from seaid.identification.datasets import Dataset
 from seaid.identification.stacked_fits import SensorErrors
 from seaid.identification.validation import for_sensors
-from seaid.legged.base import bodies_of_fit, whole_body
+from seaid.legged.base import DETERMINED, bodies_of_fit, whole_body
 from seaid.legged.feet import FREE, LOADED, foot_places
 from seaid.legged.floating import (
     FloatingRobot,
@@ -369,7 +369,7 @@ def force_instants(
     rank = np.trace(projector, axis1=1, axis2=2)
     diagonal = projector[:, places, places]
     stands = np.stack([touching[contact.link] for contact in contacts], axis=1)
-    counts = stands & (np.min(diagonal, axis=2) > 1 - _DETERMINED) & base.used[:, None]
+    counts = stands & (np.min(diagonal, axis=2) > 1 - DETERMINED) & base.used[:, None]
     R = contact_rotations(robot, motion.joint_position, contacts)
     up = _verticals(base.up, base.specific_force, contacts, R, counts)
     # Normal force u^T f = (u^T A^+) rows: its variance is |u^T A^+|^2 for rows of variance 1.
@@ -414,10 +414,6 @@ def _measured_forces(base: BaseMotion, contacts: Sequence[Contact], R: Array) ->
         if contact.link in base.wrenches:
             measured[:, k] = np.einsum("tij,tj->ti", R[:, k], base.wrenches[contact.link][:, :3])
     return measured
-
-
-_DETERMINED = 1e-6
-"""Part of a force outside of what the equations, or the parameters, determine that is rounding."""
 
 
 def _verticals(
@@ -477,7 +473,7 @@ def _basis(
             basis.append("none")
             continue
         size = np.linalg.norm(F[counts, axes])
-        is_identified = np.linalg.norm(undetermined[counts, axes]) <= _DETERMINED * size
+        is_identified = np.linalg.norm(undetermined[counts, axes]) <= DETERMINED * size
         basis.append("identified" if is_identified else "robot file" if is_whole else "none")
         normal = np.einsum("ti,tim->tm", whole.up[steps[counts], k], F[counts, axes])[:, identified]
         # u^T F_b C F_b^T u.
