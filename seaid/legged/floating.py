@@ -24,8 +24,7 @@ from seaid.log.motion import MotionWithBase
 from seaid.robot import BASE_ROWS, HANGING, Contact, FloatingBase, Robot
 from seaid.robot.pinocchio_model import floating_model
 from seaid.robot.transmission import rows_at_drives
-
-_G = 9.81
+from seaid.robot.urdf import EARTH
 
 BaseStates = tuple[Array, Array, Array]
 """Angular velocity [rad/s] and acceleration, specific force [m/s^2] of the base, each (T, 3)."""
@@ -412,7 +411,7 @@ def stance_states(
         v = within(v, np.zeros(J.shape[:2]))
         a = within(a, -_drift(robot, q, v, contacts))
     # Specific force: a - g, which is a + 9.81 m/s^2 upward.
-    return (q, v[:, 6:], a[:, 6:]), (v[:, 3:6], a[:, 3:6], a[:, :3] + _G * up)
+    return (q, v[:, 6:], a[:, 6:]), (v[:, 3:6], a[:, 3:6], a[:, :3] - EARTH[2] * up)
 
 
 def _drift(robot: Robot, q: Array, v: Array, contacts: Sequence[Contact]) -> Array:

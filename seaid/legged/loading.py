@@ -12,7 +12,7 @@ from seaid.regressor.base import check_constant_ratios
 from seaid.robot import BaseKind, Contact, Payload, Robot
 from seaid.robot.floating_base import base_of_assembly
 from seaid.robot.robot import robot_of_file
-from seaid.robot.urdf import SNAP_RAD
+from seaid.robot.urdf import EARTH, SNAP_RAD
 
 
 @checked(RobotError)
@@ -24,7 +24,7 @@ def load_robot(
     locked: Mapping[str, float] | None = None,
     payloads: Sequence[Payload] = (),
     known_bodies: str | Sequence[str] = (),
-    gravity: Sequence[float] = (0.0, 0.0, -9.81),
+    gravity: Sequence[float] = EARTH,
     snap_tolerance_rad: float = SNAP_RAD,
     independent_mimics: bool = False,
     base: BaseKind = "fixed",

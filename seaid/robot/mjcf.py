@@ -16,9 +16,8 @@ from lxml import etree
 
 from seaid._arrays import Array, spaced
 from seaid.errors import RobotError, reason_of
-from seaid.robot.urdf import displacement, warn_of
+from seaid.robot.urdf import EARTH, displacement, warn_of
 
-_EARTH = (0.0, 0.0, -9.81)
 _EXACT_RAD = 1e-9
 """An angle of MuJoCo's quaternions is a multiple of pi/2 if it is closer than this."""
 
@@ -36,7 +35,7 @@ def urdf_of_mjcf(path: Path) -> bytes:
         model = mujoco.MjModel.from_xml_path(str(path))
     except Exception as problem:  # ValueError, and whatever its parser raises
         raise RobotError(f"MuJoCo cannot compile '{path}': {reason_of(problem)}") from None
-    if not np.allclose(model.opt.gravity, _EARTH, atol=1e-6):
+    if not np.allclose(model.opt.gravity, EARTH, atol=1e-6):
         gravity = ", ".join(f"{component:g}" for component in model.opt.gravity)
         warn_of(path, f"its gravity is ({gravity}) m/s^2, which gravity= must repeat")
     root = etree.Element("robot", name=path.stem)

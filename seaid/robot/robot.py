@@ -34,7 +34,7 @@ from seaid.robot.pinocchio_model import (
 )
 from seaid.robot.robot_file import is_mjcf, read_urdf, urdf_path
 from seaid.robot.transmission import check_transmission, transmission_matrix
-from seaid.robot.urdf import SNAP_RAD, UrdfJoint, UrdfTree
+from seaid.robot.urdf import EARTH, SNAP_RAD, UrdfJoint, UrdfTree
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -295,7 +295,7 @@ def robot_of_file(
     locked: Mapping[str, float] | None = None,
     payloads: Sequence[Payload] = (),
     known_bodies: str | Sequence[str] = (),
-    gravity: Sequence[float] = (0.0, 0.0, -9.81),
+    gravity: Sequence[float] = EARTH,
     snap_tolerance_rad: float = SNAP_RAD,
     independent_mimics: bool = False,
     base: BaseKind = "fixed",

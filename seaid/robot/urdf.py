@@ -35,19 +35,19 @@ _SINGLE = ("revolute", "continuous", "prismatic")
 
 
 class _Numbers(NamedTuple):
-    """Count of the numbers in an attribute, and their unit where their size has a limit."""
+    """Unit of the numbers in an attribute where their size has a limit, and their count."""
 
-    many: int
     unit: str = ""
+    many: int = 1
 
 
 _NUMBERS: Mapping[str, Mapping[str, _Numbers]] = {
-    "origin": {"xyz": _Numbers(3, "m"), "rpy": _Numbers(3, "rad")},
-    "axis": {"xyz": _Numbers(3)},
-    "mass": {"value": _Numbers(1, "kg")},
-    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _Numbers(1, "kg m^2")),
-    "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), _Numbers(1)),
-    "mimic": dict.fromkeys(("multiplier", "offset"), _Numbers(1, "rad or m")),
+    "origin": {"xyz": _Numbers("m", 3), "rpy": _Numbers("rad", 3)},
+    "axis": {"xyz": _Numbers(many=3)},
+    "mass": {"value": _Numbers("kg")},
+    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _Numbers("kg m^2")),
+    "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), _Numbers()),
+    "mimic": dict.fromkeys(("multiplier", "offset"), _Numbers("rad or m")),
 }
 """Attributes of the elements that matter for the dynamics."""
 _NEEDED = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz")}
@@ -263,6 +263,9 @@ def _candidates(name: str, folders: Sequence[Path]) -> Iterator[Path]:
         if scheme and folder.name == package:
             yield folder / inside
 
+
+EARTH = (0.0, 0.0, -9.81)
+"""Default of `gravity` [m/s^2]: that of the earth, against the z-axis of the world."""
 
 SNAP_RAD = 2e-3
 """Default of `snap_tolerance_rad`: 1.57 is 8e-4 away from pi/2, 3.14 is 1.6e-3 away from pi."""
