@@ -200,7 +200,12 @@ BASES: tuple[BasisName, ...] = ("bspline", "polynomial", "fourier")
 """Those of `make_basis`; a multisine is a Fourier series of its own."""
 
 _QUINTIC = 5
+"""Degree of the splines: derivatives up to the fourth are continuous, on which the torque of a
+motor behind a spring depends."""
+
 _SHORTEST_S, _LONGEST_S = 1e-3, 1e6
+"""Shortest and longest duration of a motion [s], beyond those that a robot can have."""
+
 _LEAST: dict[BasisName, int] = {"bspline": 6, "polynomial": 4, "fourier": 3}
 """The least number of coefficients per joint; prescribed ends may need more."""
 

@@ -180,6 +180,8 @@ def check_consistent(
 
 
 _RUN_IN_SHARE, _RUN_IN_DENSITY = 0.98, 4
+"""Share of each limit for the bounds of a run-in, and rows per coefficient of its hull
+(`Basis.hull`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,7 +402,9 @@ _SHARE = 0.9
 """Share of each limit that a run-in uses, unless the motion itself starts or ends with more."""
 # factor between durations, and how many are tried below and above the stopping time
 _GROWTH, _TRIALS = 1.25, 12
+
 _PHASES = 200
+"""Instants of a period that are compared as the start of a Fourier series."""
 
 Segment = tuple[Basis, Array]
 
@@ -468,7 +472,7 @@ def _check_meets(trajectory: Trajectory, start: Array, end: Array) -> None:
     reach = np.ptp(trajectory.coefficients, axis=0)
     for order, (first, last) in enumerate(zip(start, end, strict=True)):
         # a derivative times the power of the duration is in the unit of the position
-        apart = np.abs(first - last) * trajectory.duration**order > 1e-9 * reach
+        apart = np.abs(first - last) * trajectory.duration**order > ROUNDING * reach
         if np.any(apart):
             joint = trajectory.joint_names[int(apart.argmax())]
             raise ExcitationError(

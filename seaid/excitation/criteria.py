@@ -222,6 +222,7 @@ _BLOCK = 64
 """Instants of a block: its arrays are in the cache, and in memory that is used again."""
 
 _UNITS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
+"""Pseudo-inertias (10, 4, 4) of bodies with one of their ten parameters 1 and the others 0."""
 
 
 def regressor_gradient(robot: Robot, states: States, rows: Sequence[int], weights: Array) -> Array:

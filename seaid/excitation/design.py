@@ -69,6 +69,8 @@ from seaid.robot import Robot
 from seaid.robot.robot import check_held
 
 _REPORT_SAMPLES = 2000
+"""Instants of a plan, and at most of each log, at which measures are computed."""
+
 _MOST_NUMBERS, _FEWEST_SAMPLES = 20_000_000, 50
 """Largest number of entries of the regressor of measured logs, and the fewest samples of each."""
 

@@ -44,7 +44,12 @@ _SMALLEST, _LARGEST = 1e-9, 1e9
 """Smallest and largest limit, in its unit: squares of larger ones could overflow."""
 
 _DENSITY, _GROUP = 16, 20
+"""Rows per coefficient of the hull that bounds a motion in the search (`Basis.hull`), and rows in a
+group, of which the search has one constraint, at the worst of them."""
+
 _DENSITIES = (_DENSITY, 4 * _DENSITY)
+"""Those of the hulls by which the margins of a motion are stated: the second bound is tighter than
+that of the search."""
 
 KINDS = ("position", "velocity", "acceleration")
 """The limits that are linear in the coefficients."""

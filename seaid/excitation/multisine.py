@@ -31,9 +31,13 @@ from seaid.excitation.trajectory import Trajectory
 from seaid.robot import Robot
 
 Spectrum = Literal["position", "velocity", "acceleration"]
+
 _FLAT: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
+"""{what has equal amplitudes at all frequencies: the order of that derivative of the position}."""
 
 _HIGHEST_HZ = 20.0
+"""Upper end of the band [Hz] if none is given."""
+
 _MOST_HARMONICS = 400
 """Harmonics of a period: bounds of the motion take a matrix of twice its square, times 64."""
 

@@ -26,6 +26,8 @@ from seaid.excitation.collision import Pair, Scene, collision_geometry, distance
 from seaid.robot import Robot
 
 _POSTURES = 500
+"""Random postures within the limits at which pairs that nearly always touch are looked for."""
+
 _NEARLY_ALWAYS = 0.95
 """Share of random postures that MoveIt's setup assistant takes for 'always in collision'."""
 

@@ -246,7 +246,10 @@ def _infeasible(problem: PlanningProblem, x: Array) -> ExcitationError:
 # a search ends where 25 iterations gain less than 0.2 %; one that still gained over 5 % at its
 # iteration limit is reported as early
 _STALL_ITERATIONS, _STALL, _STILL_FALLING = 25, 2e-3, 5e-2
+
 _HOPELESS = 100.0
+"""Criterion in place of infinity, from which the line search of SLSQP retreats. It is a logarithm:
+that of the condition number from which H is rank deficient, 1e12, is 28."""
 
 
 @dataclass(frozen=True, eq=False)

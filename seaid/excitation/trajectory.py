@@ -21,6 +21,7 @@ from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.robot import Robot
 
 _NANO = 10**9
+"""Nanoseconds of a second, in which ROS 2 has times."""
 
 
 def message_times(duration: float, rate_hz: float) -> list[int]:
@@ -222,7 +223,10 @@ class Trajectory(Display):
 
 
 _DURATIONS_S = (1e-6, 1e7)
+"""Shortest and longest duration of a trajectory [s], so that no acceleration overflows."""
+
 _MOST_COEFFICIENT = 1e9
+"""Largest coefficient [rad or m], for the same reason."""
 
 
 def _check_sizes(duration: float, coefficients: Array) -> None:
