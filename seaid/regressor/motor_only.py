@@ -35,8 +35,10 @@ _POINTS, _STEP_S = np.arange(-6, 7), 0.03
 """Samples about an instant; a polynomial through them gives four derivatives of a torque."""
 
 _ORDERS = 5
+"""Number of the derivatives of positions and torques at an instant: the orders 0 to 4."""
 
-_ROWS_PER_PARAMETER = 2
+ROWS_PER_PARAMETER = 2
+"""Rows at random instants for each parameter, of a body or of all, whose rank is decided."""
 
 _ZERO, _ROUNDED = 1e-9, 1e-6
 """Norm of a column that is zero, and part of a column below which another one in it is rounding:
@@ -72,7 +74,7 @@ def base_by_derivatives(
     # A stiff drive has no deflection: tau / (r_L k) is zero.
     stiffness[~np.isin(joints, robot.elastic_joints)] = np.inf
     places = {name: place for place, name in enumerate(names)}
-    count = max(20, -(-_ROWS_PER_PARAMETER * len(names) // robot.n))
+    count = max(20, -(-ROWS_PER_PARAMETER * len(names) // robot.n))
     rows = (_rows(plausible_robot, stiffness, sensors, places, rng) for _ in range(count))
     H = np.vstack(list(rows))
     H[:, : robot.parameters.size][:, robot.is_known] = 0.0

@@ -101,7 +101,9 @@ _REAL = {
 }
 STRETCH, STRETCH_DOT = (sp.Symbol(f"deflection{suffix}", real=True) for suffix in ("", "_dot"))
 MOTOR_SIGNALS = {"motor_torque": "tau_M", "motor_current": "i_M", "motor_voltage": "u_M"}
+
 _SCALES = {"motor_torque": sp.Integer(1), "motor_current": K_t, "motor_voltage": K_u}
+"""{sensor of a motor: what its signal is multiplied by to give a torque}."""
 
 
 def plain(name: str) -> sp.Symbol:

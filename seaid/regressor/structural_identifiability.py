@@ -38,7 +38,7 @@ from seaid.regressor.base import (
     with_base_columns,
     with_independent,
 )
-from seaid.regressor.motor_only import base_by_derivatives
+from seaid.regressor.motor_only import ROWS_PER_PARAMETER, base_by_derivatives
 from seaid.regressor.random_instants import SumRows, dependencies, random_truth, rows_of_sums
 from seaid.regressor.sensor_equations import (
     MOTOR_SIGNALS,
@@ -314,9 +314,9 @@ def _with_one_gain_set(robot: Robot, first: Robot) -> dict[str, Drive]:
     }
 
 
-_ROWS_PER_PARAMETER, _FEWEST_INSTANTS = 2, 48
-"""Rows of load equations for each parameter of a body, and instants of which some are on both sides
-of a dead zone: of 24, one draw in 300 was on one side only."""
+_FEWEST_INSTANTS = 48
+"""Random instants of which some are on both sides of a dead zone: of 24, one draw in 300 was on one
+side only."""
 
 _FRESH_INSTANTS, _MOST_DRAWS = 8, 3
 """Instants that confirm a decision, and how often it is made with twice the instants."""
@@ -364,7 +364,7 @@ def _decided(system: System, payloads: Sequence[Array], seed: int) -> _Decision:
     for draw in range(_MOST_DRAWS):
         rng = np.random.default_rng((seed, draw))
         loads = sum(any(system.equations[e].kind == "load" for e in x) for x in system.sums)
-        enough = _ROWS_PER_PARAMETER * (system.robot.parameters.size // max(loads, 1))
+        enough = ROWS_PER_PARAMETER * (system.robot.parameters.size // max(loads, 1))
         decision = _decision(system, payloads, rng, 2**draw * max(enough, _FEWEST_INSTANTS))
         if decision[-1]:
             break

@@ -134,6 +134,7 @@ def _about(form: RigidBodyForm) -> str:
 
 
 _MOST_OF_A_NAME = 60
+"""Letters of the robot's name with which the names in a C file begin."""
 
 
 def _as_comment(text: str) -> str:

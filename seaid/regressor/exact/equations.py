@@ -52,6 +52,8 @@ from seaid.robot.inertia import parameter_names
 from seaid.robot.robot import check_held
 
 _SUSPICIOUS = 1e10
+"""Coefficient of a grouping [in the units of its parameters] from which there is a warning: it is
+one over the difference of two directions, here 1e-10, by which a parameter is identifiable."""
 
 
 def base_parameters(robot: Robot, *, floating_base: bool = False) -> ExactBaseParameters:

@@ -38,6 +38,8 @@ _ANGLE_NOISE = 1e-14
 """Float noise of an angle after merging fixed joints; angles rounded in a file are further off."""
 
 _HALF_TANGENT_ERROR = 1e-16
+"""Distance from tan(angle / 2), at most 0.41, within which the simplest rational is taken: about
+the rounding of doubles of this size."""
 
 
 def _diagonal(*entries: int) -> fmpq_mat:
@@ -46,6 +48,7 @@ def _diagonal(*entries: int) -> fmpq_mat:
 
 
 IDENTITY, _HALF_TURN, _NO_SHIFT = _diagonal(1, 1, 1), _diagonal(1, -1, -1), fmpq_mat(3, 1)
+"""The rotation that changes nothing, half a turn about x, and the translation by zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,6 +308,8 @@ PAIR = {pair: place for place, pair in enumerate(PAIRS)} | {
 }
 
 _ONE, _C, _S, _CC, _CS = (0, 0), (1, 0), (0, 1), (2, 0), (1, 1)
+"""The monomials 1, c, s, c^2 and c s of c = cos q and s = sin q, or 1, q and q^2 of a prismatic
+joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -459,6 +464,9 @@ def _twice_pseudo(parameters: Sequence[Any]) -> list[list[Any]]:
 
 
 _UNITS = map(_twice_pseudo, np.eye(10, dtype=int).tolist())
+"""Twice the pseudo-inertias (4, 4) of bodies with one of their ten parameters 1 and the others
+0."""
+
 _TWICE_PSEUDO = fmpz_mat([[*chain(*rows)] for rows in zip(*_UNITS, strict=True)])
 """Twice the pseudo-inertias (4, 40) of unit parameters, side by side."""
 

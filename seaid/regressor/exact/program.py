@@ -153,8 +153,14 @@ Entries = dict[tuple[int, int], Value]
 """The elements of the regressor: {(joint, parameter): value}."""
 
 _NOTHING = [ZERO] * 3
+"""The vector (0, 0, 0)."""
+
 _UNIT = [[constant(int(i == j)) for i in range(3)] for j in range(3)]
+"""The unit vectors along x, y and z."""
+
 _AXIS = _UNIT[2]
+"""The axis of a joint in its own frame, z."""
+
 _Vector = Sequence[Value]
 
 

@@ -44,6 +44,7 @@ from seaid.regressor.exact.grouping import SparseRow
 Vector = list[fmpq]
 
 _ZERO = fmpq(0)
+"""The rational 0 that exact sums start from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,6 +322,8 @@ def _independent(rows: list[Vector], unseen: nmod_mat) -> tuple[list[Vector], nm
 
 
 _PRIME = 2**61 - 1
+"""Modulus of the residues in place of rationals: the largest Mersenne prime that is a word of 64
+bits, which the residues of flint are."""
 
 _CONFIRMING = 3
 """Random points that add nothing, after which the conditions count as complete."""
