@@ -48,11 +48,19 @@ Factors = dict[tuple[int, int], int]
 """{(row of the echelon form, dependent column): factor modulo the prime}."""
 
 _LARGEST_PRIME = 2**127 - 1
+"""A Mersenne prime, from which smaller primes are tried if numbers such as sqrt(3) are not in its
+field: so large that a random residue is zero by chance with odds of 2^-127."""
+
 _LONGEST = 2**48
 """Rational factors are accepted up to this size; a random residue is one with odds of 2^-30."""
 
 _MORE_ROWS, _DRAWS, _MOST_DRAWS = 6, 60, 400
+"""Rows or samples beyond the unknowns, which confirm a result; random places at which motions are
+counted; most draws for one that satisfies the relations."""
+
 _MOST_TERMS = 300
+"""Coefficients of a quotient of polynomials up to which a factor is interpolated."""
+
 _MOST_MOTIONS = 1.5
 """The mean number of solutions per random place is the number of components of the variety: one,
 with a standard deviation of 1 / sqrt(_DRAWS)."""

@@ -21,13 +21,24 @@ from sympy.functions.elementary.trigonometric import TrigonometricFunction
 from seaid.errors import SymbolicError, check_name, shortened
 
 _MOST_LETTERS = 500
+"""Limit on the letters of a text. The limits keep a user's text from taking more time or memory
+than an equation of a drive does."""
+
 _MOST_DIGITS = 40
+"""Limit on the digits of a number; a double has 17."""
+
 _MOST_POWER = 20
+"""Limit on the size of an exponent, and on its denominator."""
+
 _MOST_DEGREE = 60
+"""Limit on the degree of a product or power, with functions counted as of degree 1."""
+
 _MOST_TERMS = 100
 """Limit on the terms of numerator and denominator each, multiplied out."""
 
 _MOST_DEPTH = 60
+"""Limit on operations within each other, since each is a call in the call before."""
+
 _MOST_BITS = 4096
 """Limit on the bits of numerator and denominator of a number together."""
 
@@ -170,6 +181,7 @@ def _power(base: _Part, power: _Part) -> _Part:
 
 
 _MINUS_ONE = _Part(sp.Integer(-1), degree=0, number=-1.0)
+"""The factor -1, as a part of an expression."""
 
 _OPERATIONS: Mapping[type[ast.operator], Callable[[_Part, _Part], _Part]] = {
     ast.Add: _sum,

@@ -20,7 +20,11 @@ from seaid.errors import SymbolicError
 from seaid.symbolic.polynomial import Ring
 
 _LONGEST_TEXT = 200
+"""Characters of an expression in a message."""
+
 _LARGEST_PRIME = 10**6
+"""Factors of the base of a root are sought up to this size: all prime factors of a large number
+would take too long."""
 
 CIRCULAR = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
 
@@ -122,6 +126,8 @@ def _decimal(number: sp.Float) -> sp.Rational:
 
 
 _DOUBLE_BITS = 53
+"""Bits of the mantissa of a double."""
+
 _COMPLEX = (sp.re, sp.im, sp.conjugate, sp.arg)
 _NO_INSTANT = (sp.Integral, sp.Sum, sp.Product, sp.Limit)
 

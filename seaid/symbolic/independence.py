@@ -33,9 +33,18 @@ _Balls = list[arb]
 _Point = dict[sp.Expr, sp.Expr]
 
 _DIGITS, _FEW_DIGITS, _MOST_DIGITS = 200, 25, 6000
+"""Decimal digits by which a dependence is decided; those that show most independences already, and
+that the arithmetic has beyond the others; and the most that are tried."""
+
 _ROUNDS = 4
+"""Decisions that are made, each with twice the digits and with more points than the one before."""
+
 _LONGEST = 10**12
+"""Largest denominator of a factor of a dependence that is made rational, and then confirmed."""
+
 _MOST_FUNCTIONS = 300
+"""Functions up to which their independence is tested; of more there is a warning."""
+
 _DECADES = range(-9, 5)
 """Powers of ten of the signals: friction and stops of real machines are alive in one of them."""
 
