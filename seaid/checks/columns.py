@@ -125,7 +125,8 @@ class Side:
         rows = self.equation.rows.joint == self.robot.index(joint)
         # All rows of a joint have one weight, which cancels in the ratio.
         y = self.equation.weight[rows] * self.equation.rows.y[rows]
-        return float(np.sqrt(self.equation.squares(rows) / max(float(np.var(y)) * len(y), 1e-300)))
+        whole = max(float(np.var(y)) * len(y), tol.LEAST)
+        return float(np.sqrt(self.equation.squares(rows) / whole))
 
     def next_to(self, accepted: engine.Accepted) -> dict[str, tuple[float, float]]:
         """Return {parameter of the fit: value and standard error} next to accepted columns."""

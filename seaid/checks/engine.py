@@ -32,7 +32,7 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
-from seaid.checks.tolerances import CONFIDENCE, MOST, NEGLIGIBLE, SIGNIFICANT, SLIGHT
+from seaid.checks.tolerances import CONFIDENCE, LEAST, MOST, NEGLIGIBLE, SIGNIFICANT, SLIGHT
 from seaid.drives import ParameterName
 from seaid.errors import Finding, IdentificationError, reason_of
 from seaid.estimation import qr_factor
@@ -194,7 +194,7 @@ class ModelComparison:
     def criterion(self, rows: float) -> float:
         """Return the information criterion for a number of independent rows, larger if better."""
         # BIC with its sign turned: -n log(RSS / RSS_0) - k log n (Schwarz 1978).
-        return -rows * math.log(max(1 - self.explained, 1e-300)) - self.parameters * math.log(rows)
+        return -rows * math.log(max(1 - self.explained, LEAST)) - self.parameters * math.log(rows)
 
 
 Model = TypeVar("Model")
@@ -278,7 +278,7 @@ class _SharedModel:
         It is below one if columns that replace others fit worse than these.
         """
         after = float(_squares(self.whole, self.whole, self.places_of(model)))
-        return self.before / max(after, 1e-300)
+        return self.before / max(after, LEAST)
 
     def trial(self, candidate: Candidate, asked: int, least_bic: float | None) -> Trial:
         """Return a candidate at the best point of its grid."""
@@ -295,10 +295,10 @@ class _SharedModel:
         `rss_ratio` is that of `model`; `asked` and `least_bic` are those of `compared_candidates`.
         """
         equation, in_full = self.equation, least_bic is None
-        explained, count = 1 - 1 / max(rss_ratio, 1e-300), 1.0
+        explained, count = 1 - 1 / max(rss_ratio, LEAST), 1.0
         acts = np.any(model.columns != 0, axis=1)
-        part = equation.squares(acts) / max(equation.squares(), 1e-300)
-        share = explained / max(part, 1e-300)
+        part = equation.squares(acts) / max(equation.squares(), LEAST)
+        share = explained / max(part, LEAST)
         # Not counted otherwise: a share this small is never supported, whatever its criterion.
         if in_full or share > SLIGHT:
             columns = self.rest[:, [*self.places[model]]]
@@ -318,7 +318,7 @@ def _bic(rss_ratio: float, freedom: float, count: float, parameters: int, asked:
     """Return the criterion of a number of independent rows."""
     # With n independent rows and n' = n - p - k: n' log(RSS_0 / RSS) - k log n - 2 log(asked).
     penalty = parameters * math.log(count) + 2 * math.log(max(asked, 1))
-    return freedom * math.log(max(rss_ratio, 1e-300)) - penalty  # Chen and Chen 2008
+    return freedom * math.log(max(rss_ratio, LEAST)) - penalty  # Chen and Chen 2008
 
 
 def _independent_rows(rows: Regression, columns: Array, residual: Array) -> float:
@@ -338,13 +338,13 @@ def _independent_rows(rows: Regression, columns: Array, residual: Array) -> floa
 
 def _changes(without: Array, within: Array) -> tuple[float, float, int, int, float]:
     """Return the `improvement`, its `improvement_std`, `better`, `blocks` and `t`."""
-    change, total = without - within, max(float(np.sum(without)), 1e-300)
+    change, total = without - within, max(float(np.sum(without)), LEAST)
     # From -1 to 1 per block: a block with large errors has no more weight than any other.
-    relative = change / np.maximum(without + within, 1e-300)
+    relative = change / np.maximum(without + within, LEAST)
     # The sum of n changes has sqrt(n) times the standard deviation of one.
     std = math.sqrt(len(change)) * float(np.std(change, ddof=1)) / total
     both = np.array([change, relative])
-    errors = np.maximum(np.std(both, axis=1, ddof=1), 1e-300) / math.sqrt(len(change))
+    errors = np.maximum(np.std(both, axis=1, ddof=1), LEAST) / math.sqrt(len(change))
     t = float(np.max(np.mean(both, axis=1) / errors))
     return float(np.sum(change)) / total, std, int(np.sum(change > 0)), len(change), t
 
@@ -588,7 +588,7 @@ def equation_of(fitted: FittedRows) -> Equation:
     # The noise is what the fit leaves apart from these: springs that are free explain any torque,
     # as it is theirs. A row has a part of an independent one's information.
     noise = np.mean((equation.residual - Q @ (Q.T @ equation.residual)) ** 2) * ROWS_PER_PERIOD / 2
-    of_noise = R @ fitted.propagated @ R.T / max(float(noise), 1e-300)
+    of_noise = R @ fitted.propagated @ R.T / max(float(noise), LEAST)
     squares, directions = safely(np.linalg.eigh, of_noise, what="the errors of springs")
     return replace(equation, errors=(Q, ((directions, np.sqrt(np.maximum(squares, 0.0))),)))
 
@@ -633,7 +633,7 @@ def _without_logs(
     most, bics = 2 * len(rows.y) / ROWS_PER_PERIOD, dict[Candidate, float]()
     for x, share in zip(parts, shares, strict=False):  # without logs nothing is computed
         k = x.alternatives[0].parameters
-        bics[x] = _bic(1 / max(1 - share, 1e-300), most - p - k, most, k, asked)
+        bics[x] = _bic(1 / max(1 - share, LEAST), most - p - k, most, k, asked)
     possible = sorted((x for x in bics if bics[x] > least_bic), key=bics.__getitem__)
     return [x for x in candidates if x not in parts or x in possible[-MOST_ACCEPTED:]]
 
@@ -741,7 +741,7 @@ def _accepted(
         larger = before.with_alternatives([trial.alternative])
         rows = np.any(trial.alternative.columns != 0, axis=1)
         # Over the residual of the fit, not of this step: the shares at the same rows add up.
-        share = (before.squares(rows) - larger.squares(rows)) / max(equation.squares(rows), 1e-300)
+        share = (before.squares(rows) - larger.squares(rows)) / max(equation.squares(rows), LEAST)
         is_fitted = np.any(larger.rows.H[:, :p] != 0, axis=0)
         change = np.where(is_fitted, larger.values[:p] - before.values[:p], 0.0)
         others = tuple(x for x in rivals[trial.candidate] if x.candidate.name not in names)

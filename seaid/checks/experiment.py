@@ -41,9 +41,6 @@ INSTANTS = 200
 _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
-_LEAST = 1e-300
-"""Least divisor."""
-
 KINDS = {
     "of_sensors": (tol.FEW, "torque between motor and sensor"),
     "nominal": (tol.SLIGHT, "torque (by the bodies of the robot file)"),
@@ -378,7 +375,7 @@ class Experiment:
         """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant."""
         ones = np.ones_like(self.direction)
         # The speed over its largest value, from -1 to 1: as large as the sign, and without a unit.
-        scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
+        scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), tol.LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
     @derived(*_OF_TORQUES, "acting")
@@ -435,7 +432,7 @@ class Experiment:
         rows = self.counted[:, j]
         H, y = np.column_stack(columns)[rows], y[rows]
         x, covariance = fitted(H, y)
-        unexplained = float(np.std(y - H @ x) / max(float(np.std(y)), _LEAST))
+        unexplained = float(np.std(y - H @ x) / max(float(np.std(y)), tol.LEAST))
         rotor = float(x[-1] / self.inertia[j]) if has_rotor and self.inertia[j] else math.nan
         return TorqueScale(float(x[0]), math.sqrt(covariance[0, 0]), rotor, unexplained)
 
@@ -554,7 +551,7 @@ class Experiment:
         misfit, used = np.full(self.robot.n, np.nan), self.on_bodies
         # The mean is zero, because a constant is among the loads.
         squares = np.sum((self.counted.T * residual**2)[used], axis=1)
-        sizes = np.maximum(self._torque_sizes[used], _LEAST)
+        sizes = np.maximum(self._torque_sizes[used], tol.LEAST)
         misfit[used] = np.sqrt(squares / np.sum(self.counted, axis=0)[used]) / sizes
         return misfit
 
@@ -587,7 +584,7 @@ class Experiment:
         misfit = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.both).tolist():
             apart = qr_factor.residual_of(self.apart[:, j], with_constant(self.deflection(j)))
-            misfit[j] = float(np.std(apart)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
+            misfit[j] = float(np.std(apart)) / max(float(np.std(self.turned[0][:, j])), tol.LEAST)
         return misfit
 
     def deflection(self, j: int) -> Array:
@@ -610,7 +607,7 @@ class Experiment:
         for j in np.flatnonzero(self.has_both_torques).tolist():
             target, sensed, columns = self._of_sensor(j)
             apart = qr_factor.residual_of(target - sensed, columns)
-            misfit[j] = float(np.std(apart)) / max(float(np.std(sensed)), _LEAST)
+            misfit[j] = float(np.std(apart)) / max(float(np.std(sensed)), tol.LEAST)
         return misfit
 
     @cached_property
@@ -664,7 +661,7 @@ class Experiment:
         motor, columns = self.motor[0][:, j] / self.lever[j], [joint, zeros, self.deflection(j)]
         H = np.column_stack(columns)
         x = qr_factor.scaled_svd(H).solve(motor)
-        return float(x[0]), float(np.std(motor - H @ x)) / max(float(np.std(joint)), _LEAST)
+        return float(x[0]), float(np.std(motor - H @ x)) / max(float(np.std(joint)), tol.LEAST)
 
     def encoder_ratio(self, j: int) -> tuple[float, float]:
         """Return the gear ratio between both encoders and its standard error, NaN if none is shown.
@@ -740,8 +737,8 @@ class Experiment:
         for body in self.robot.parameters.reshape(-1, 10):
             mass, size = abs(body[0]), float(np.linalg.norm(body[1:4]))
             # cables, screws and covers weigh much next to a small body, little next to a large one
-            share = np.clip(tol.SLIGHT * total / max(mass, _LEAST), tol.BODY, 1.0)
-            length = max(tol.CENTRE_M, tol.BODY * size / max(mass, _LEAST))
+            share = np.clip(tol.SLIGHT * total / max(mass, tol.LEAST), tol.BODY, 1.0)
+            length = max(tol.CENTRE_M, tol.BODY * size / max(mass, tol.LEAST))
             # All six moments of inertia by the same half of their values: the body keeps its shape.
             inertia = np.where(np.arange(10) < 4, 0.0, tol.MOST * body)
             blocks.append(np.column_stack([share * body, length * moved(mass, body[1:4]), inertia]))
@@ -906,7 +903,7 @@ class Experiment:
         friction: (4b) has two columns, a constant and the spring. Friction that drives and a spring
         of negative stiffness are none.
         """
-        rows, size = self.counted[:, j], max(float(np.std(y)), _LEAST)
+        rows, size = self.counted[:, j], max(float(np.std(y)), tol.LEAST)
         x = qr_factor.scaled_svd(columns[rows]).solve(y[rows])
         is_possible = np.full(len(x), fill_value=True)
         is_possible[-1] = x[-1] >= 0
@@ -921,7 +918,7 @@ class Experiment:
         torque, speed = self.friction[joints, :, :2] @ friction, self.motor[1].T[joints]
         # A friction torque of the sign of the speed takes power; one that gives power drives.
         power = np.mean(torque[..., 0] * speed, axis=1)
-        return np.asarray(np.maximum(-power, 0.0) / np.maximum(np.std(speed, axis=1), _LEAST))
+        return np.asarray(np.maximum(-power, 0.0) / np.maximum(np.std(speed, axis=1), tol.LEAST))
 
     def cost(self, kind: str, rows: Array | float = 2.0) -> float:
         """Return minus the log likelihood of one kind of misfit, of Gaussian residuals of any size.
@@ -1160,6 +1157,7 @@ def subject(experiment: Experiment, joints: Sequence[int], channels: str) -> str
 
 
 _USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)
+"""Factors by which units, prefixes and ratios are often wrong; see `near`."""
 
 
 def with_constant(*columns: Array) -> Array:

@@ -446,7 +446,7 @@ def _springs(experiment: Experiment) -> Iterator[tuple[int, _Spring]]:
         x, covariance = fitted(columns[rows], apart[rows])
         without, left = residual_of(apart[rows], columns[rows, 1:]), (apart - columns @ x)[rows]
         if x[0] > 0:
-            explained = 1 - float(left @ left) / max(float(without @ without), _LEAST)
+            explained = 1 - float(left @ left) / max(float(without @ without), tol.LEAST)
             error, deflection = math.sqrt(covariance[0, 0]) / x[0] ** 2, columns[:, :4] @ x[:4]
             yield j, _Spring(1 / float(x[0]), float(error), deflection, explained)
 
@@ -591,8 +591,9 @@ def late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     return -rows.at_rows([*map(slope_in, side.motions)]), alike
 
 
-_ROUNDING, _LEAST = 1e-3, 1e-300
-"""Part of a column that rounding leaves of one that is in the model already; least divisor."""
+_ROUNDING = 1e-3
+"""Part of a column that rounding leaves of one that is in the model already; least range [m] of a
+joint that slides."""
 
 
 def beyond_extremes(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -622,7 +623,7 @@ def beyond_amplifiers(side: Side, joint: str) -> Iterator[engine.Candidate]:
     limits = np.quantile(size[side.equation.rows.joint == index], 1 - _PARTS_BEYOND)
     rows = side.equation.weighted(np.sign(at_rows) * np.maximum(size - limits, 0.0))
     rest, residual = side.equation.residual_of(rows), side.equation.residual
-    shares = (residual @ rest) ** 2 / np.maximum(np.sum(rest**2, axis=0), _LEAST)
+    shares = (residual @ rest) ** 2 / np.maximum(np.sum(rest**2, axis=0), tol.LEAST)
     if np.max(shares) > tol.SLIGHT * side.equation.squares():
         limit = float(limits[np.argmax(shares)])
         beyond = [np.sign(x) * np.maximum(np.abs(x) - limit, 0.0) for x in inputs]

@@ -24,7 +24,7 @@ from seaid.checks.columns import DRIVE_CHECKS, Side, SideNeed
 from seaid.checks.engine import ColumnCheck, guarded, proposals
 from seaid.checks.gears import common_delay, torque_delays
 from seaid.checks.terms import with_term
-from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG, SURE, TWICE
+from seaid.checks.tolerances import LEAST, MATTERS, SIGNIFICANT, STRONG, SURE, TWICE
 from seaid.checks.values import drive_findings, noise_findings, sure_offsets
 from seaid.drives import PARAMETERS_OF, ParameterName, readable
 from seaid.drives.drives import term_fields
@@ -124,7 +124,7 @@ def _explained_by(
     largest = np.max(np.abs(scores), axis=0).tolist()
     lowest = np.min(scores + first / errors.reshape(shape), axis=0).tolist()
     names = list(compress(equation.rows.names, kept))
-    explained = 1 - larger.squares() / max(equation.squares(), 1e-300)
+    explained = 1 - larger.squares() / max(equation.squares(), LEAST)
     least = SIGNIFICANT if explained >= MATTERS else np.inf
     significant = {x: y for x, y in zip(names, largest, strict=True) if y > least}
     return explained, significant, dict(zip(names, lowest, strict=True))

@@ -330,6 +330,7 @@ def _is_value(before: Experiment, transform: Transform) -> bool:
 
 # Factors on channels: signs, units of positions and of torques
 
+# A penalty of 1 is that of a fitted value: of mistakes that explain as much, it is the last one.
 _SIGNS = {True: {"t": 0.0, "qm": 1.0, "qmts": 0.0}}
 _SIGNS[False] = {"mt": 0.0, "q": 0.0, "m": 0.0, "qt": 1.0}
 """{whether the encoders turn the same way: {channels of the opposite sign: penalty}}."""
@@ -357,10 +358,11 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
                 yield multiplied(code, case, *of_joint, penalty=penalty)
 
 
-_ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
+_ANGLES = {unit: UNIT_FACTORS["rad"][unit] for unit in ("deg", "turn")} | {"rad": 180 / math.pi}
 """{unit of an angle: the factor that repairs it}; "rad" where degrees were declared."""
 
 _METRES = {unit: UNIT_FACTORS["m"][unit] for unit in ("m", "cm", "mm")} | {"inch": 0.0254}
+"""{unit of a length: its value in m}, of those that robots are designed in."""
 
 _LENGTHS = {f"{a}, read as {b}": x / y for (a, x), (b, y) in permutations(_METRES.items(), 2)}
 """{unit of the position of a sliding joint: the factor that repairs it}."""
@@ -446,7 +448,7 @@ def _torques(experiment: Experiment) -> str:
     return "t" if _is_off(experiment, "of_sensors", tol.POOR) else "ts"
 
 
-_UNITS = {"mNm": 1e3, "Ncm": 1e2, "kNm": 1e-3}
+_UNITS = {unit: 1 / UNIT_FACTORS["Nm"][unit] for unit in ("mNm", "Ncm", "kNm")}
 """{unit of a torque: its value over that in N m}."""
 
 

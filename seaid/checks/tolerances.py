@@ -5,6 +5,9 @@ study over simulated robots that its line names. A check has no threshold of its
 other modules have the sizes of searches, units, and what rounding leaves.
 """
 
+LEAST = 1e-300
+"""Least divisor, near the least double: a quotient by what is zero is large, or zero by zero."""
+
 SIGNIFICANT = 5.0
 """Standard errors beyond which a difference is no chance: among 50 parameters whose covariance
 rests on some 100 correlated instants, right set-ups have at most 4.5

@@ -68,7 +68,7 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     zero_fits = factor.residual_norms(theta) > np.linalg.norm(factor.factors[:, :, -1], axis=1)
     # |W H theta|^2 by equation, from the triangular factors: |R theta| = |H theta|.
     power = (weights * np.linalg.norm(factor.factors[:, :, :-1] @ theta, axis=1)) ** 2
-    pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
+    pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), tol.LEAST))
     if pull > tol.HARDLY and not np.all(zero_fits):
         names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
         evidence = {"reduction": pull, "cutoff_hz": cutoff_hz, "names": listed(names)}
@@ -181,7 +181,7 @@ def _weak(estimate: Estimate, qr_factor: QRFactor | None) -> list[str]:
     others = [place for place in range(p) if place not in (k, offset)]
     # Deflection and torque come last: R[-2:, -2:] has what all other columns leave of both.
     R = triangle(qr_factor.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
-    share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)  # partial R^2
+    share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, tol.LEAST)  # partial R^2
     if share > 1 - tol.POOR:
         return []
     about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]

@@ -377,7 +377,7 @@ def _errors(rows: Regression, computed: Array, least: Errors) -> Errors:
     errors = {}
     for equation in np.unique(rows.joint).astype(int).tolist():
         of_equation = rows.joint == equation
-        size = max(float(np.std(rows.y[of_equation])), least.get(equation, 0.0), 1e-300)
+        size = max(float(np.std(rows.y[of_equation])), least.get(equation, 0.0), tol.LEAST)
         rms = float(np.sqrt(np.mean((rows.y[of_equation] - computed[of_equation]) ** 2)))
         errors[equation] = rms / size
     return errors
