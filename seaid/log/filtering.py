@@ -19,6 +19,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, runs, white_noise
 
 _ROUNDING = 1e-6
+"""Relative rounding error of a quotient of two rates."""
 
 UNFILTERED = 0.4
 """Cutoff over the sampling rate from which there is no low pass."""
@@ -178,7 +179,8 @@ STANDSTILL = 0.01
 unknown."""
 
 REST_RAD_S = 1e-9
-"""Speed [rad/s] below which a motor always stands still: the rounding errors of the filters."""
+"""Speed [rad/s] below which a motor always stands still, by what rounding leaves of it behind a
+filter or after a step of a simulation, so that friction may hold it."""
 
 _PASSES = 3.0
 """Acceleration at a reversal, over that of dry friction alone, from which a joint passes through
@@ -298,11 +300,12 @@ frequency f0, the inertia is off by the integral of (f0^2 - f^2) f^2 S in place 
 of the power of the accelerations: by 0.25 % at a twentieth, if f0 is not far above the cutoff."""
 
 _VELOCITY_SHARE, _WIDE = 0.98, 4.0
-_POSITION_SHARE, _NARROW = 0.995, 2.0
-"""Share of the power within the bandwidth, and the cutoff as a multiple of the bandwidth.
-
+"""Share of the power of the velocity within its bandwidth, and the cutoff as a multiple of that.
 `scripts/benchmarks/cutoff.py`: friction is best determined with four times the bandwidth or more,
 bodies with three to four times."""
+
+_POSITION_SHARE, _NARROW = 0.995, 2.0
+"""The same of the position: the cutoff is not below this multiple of its bandwidth."""
 
 _CLOSEST = 1.5
 """Coloured noise does not lower the cutoff below this multiple of the bandwidth of the velocity,

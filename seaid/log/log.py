@@ -82,6 +82,7 @@ def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
 
 
 MINIMUM_SAMPLES = 50
+"""Fewest samples of a log, or of what is read of one at a time."""
 
 LARGEST, _LATEST_S = 1e12, 1e15
 """Largest magnitude of a sample in SI units, which no sensor measures, and of a time."""

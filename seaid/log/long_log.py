@@ -35,6 +35,7 @@ CHUNK_SAMPLES = 16_000
 """Samples in memory at a time, without the overlap."""
 
 _MOST_SAMPLES = 1_000_000_000
+"""Largest number of samples that a user may have in memory at a time."""
 
 _SHORTEST_RECORD = 10.0
 """Shortest log that can be reconstructed, in periods of the cutoff."""

@@ -66,10 +66,10 @@ _FOLLOWS, _UNRELATED = 0.95, 0.5
 """Shares of the variance of a position that the integral of a velocity explains: it is its
 velocity, or it is something else."""
 
-_LOOP_SLOPE, _SMOOTH, _LEAST_LOOP = 1.6, 5, 100
+_LOOP_SLOPE, _SMOOTH, _FEWEST = 1.6, 5, 100
 """Most slope of a position command over the position, next to its derivatives (measured on loops of
 ten robots: 0.95 to 1.11; a weight adds its stiffness over the gain); samples of the moving averages
-before derivatives; least samples."""
+before derivatives; fewest samples of what is compared."""
 
 SCALE_SPREAD = 0.05
 """Relative error of the scale between a position and an integrated velocity, by noise, or between
@@ -266,7 +266,7 @@ def follows(position: Array, command: Array) -> bool:
     # The position alone explains half of the variance of the command; an offset does not count.
     if np.var(q - u) < (1 - _UNRELATED) * np.var(u):
         return True
-    if len(q) < _LEAST_LOOP or np.ptp(q) == 0 or np.ptp(u) == 0:
+    if len(q) < _FEWEST or np.ptp(q) == 0 or np.ptp(u) == 0:
         return False
     smooth = np.ones(_SMOOTH) / _SMOOTH
     # Two moving averages, because two derivatives amplify the noise; q and u alike, so that the sum
@@ -300,7 +300,7 @@ def correlation(first: Array, second: Array) -> float:
 def is_state(values: Array) -> bool:
     """Return whether samples are a few whole numbers, as of a mode or a flag."""
     is_whole = bool(np.all(values == np.round(values)))
-    return len(values) >= 100 and is_whole and len(np.unique(values)) <= _FEW
+    return len(values) >= _FEWEST and is_whole and len(np.unique(values)) <= _FEW
 
 
 def unit_by_velocity(inference: Inference, column: str, joint: str) -> str | None:
@@ -485,7 +485,7 @@ def _signals(inference: Inference, joints: Mapping[str, Sources]) -> Iterator[tu
                 values, time = inference.data[sources[quantity].column], inference.time
                 if time is None or len(time) != len(values) or np.any(np.diff(time) <= 0):
                     time = np.arange(len(values), dtype=float)
-                if len(values) < 100:
+                if len(values) < _FEWEST:
                     return
                 yield f"the position of {joint}", values
                 yield f"the velocity of {joint}", np.gradient(values, time)

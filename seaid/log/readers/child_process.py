@@ -19,6 +19,9 @@ from seaid.errors import SeaidError, reason_of
 from seaid.log.readers.table import damaged, free_memory, size_of
 
 _MOST_MEMORY, _MEMORY_SHARE, _LEAST_MEMORY = 3e9, 0.5, 5e8
+"""Limit on the memory of a child [bytes], the share of the free memory that it may have, and what
+it always has."""
+
 _SECONDS = 15.0
 """Smallest limit of processor time of a child that reads a file."""
 

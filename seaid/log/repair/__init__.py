@@ -19,7 +19,10 @@ from seaid.log.channels import Quantity, check_size, quantity_of
 from seaid.log.tables import Reader, Within, types_of
 
 _Positive = Annotated[float, Within("a finite number above 0", lambda value: 0 < value < np.inf)]
+"""A limit in its unit."""
+
 _Share = Annotated[float, Within("a share from 0 to 1", lambda value: 0 <= value <= 1)]
+"""A limit that is a part of something."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -181,6 +181,7 @@ _GAP, _MEAN = 1.5, 5
 on both sides is extrapolated."""
 
 _TURN = 2 * np.pi
+"""A turn [rad]."""
 
 
 def wrap_period(time: Array, values: Array) -> float | None:
