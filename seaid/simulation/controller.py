@@ -49,7 +49,12 @@ def input_gain(robot: Robot, joint: str) -> float:
 
 
 _LEAST_BANDWIDTH_RAD_S = 60.0
+"""Least bandwidth of a position controller [rad/s], also behind a stiff gear."""
+
 _DAMPING = 0.7
+"""Damping ratio of the loop of a motor with its controller: near 1 / sqrt(2), with which its
+response has no resonance."""
+
 _PASSAGE_S = 0.01
 """Smoothing of steps in the planned motor motion: dead zones, reversals of dry joint friction."""
 

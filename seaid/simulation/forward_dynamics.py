@@ -20,6 +20,7 @@ from seaid._arrays import Array, IndexArray, safely
 from seaid.drives.equations import after_travel
 from seaid.drives.functions import DriveFunctions, OfState
 from seaid.errors import RobotError, SeaidError
+from seaid.log.filtering import REST_RAD_S
 from seaid.simulation.plant import (
     JOINT_POSITION,
     JOINT_SPEED,
@@ -257,10 +258,6 @@ def gear_torques(plant: Plant, data: pin.Data, state: Array, begin: Begin) -> Ar
     return np.where(plant.elastic, np.nan, torque)
 
 
-REST_RAD_S = 1e-9
-"""A motor slower than this is at rest, so that friction may stick."""
-
-
 def begin_of(
     plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array | None = None
 ) -> Begin:
@@ -330,6 +327,7 @@ def friction_levels(plant: Plant, y: Array, free: Array, pull: Array) -> Array:
 
 
 _MOST_EVENTS = 200
+"""Stops and reversals of friction within a step, beyond which they would not end."""
 
 _MOST_LINEAR = 24
 """Joints up to which the matrices of steps are worth it: those of 30 joints on springs, which often

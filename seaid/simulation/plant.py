@@ -35,6 +35,7 @@ MEMORY_ROWS = {"friction": 4, "spring": 5}
 """Further rows (6, n) of a robot with hysteresis: states of its laws, `drives.equations`."""
 
 _SHORTEST_STEP_S = 1e-6
+"""Step [s] below which friction is refused as too stiff to simulate."""
 
 _COLDEST_K = 50.0
 """Distance from the reference temperature at which steps are still short enough."""

@@ -38,7 +38,10 @@ SETTLE_S = 1.0
 """Time for which the controller holds the start of the trajectory before the log begins."""
 
 _LONGEST_STEP_S, _LARGEST_NOISE = 5e-4, 1e9
+"""Longest step of the integration [s], and largest standard deviation of a noise, in its unit."""
+
 _COLDEST_DEGC, _HOTTEST_DEGC = -100.0, 300.0
+"""Range of the temperatures of motors [degC], beyond those in which motors run."""
 
 Temperature = float | Sequence[float] | Mapping[str, float | Sequence[float]] | None
 """Temperatures of motors, see `simulate`."""
