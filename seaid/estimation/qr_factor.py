@@ -247,8 +247,8 @@ Columns of regressors are computed to about 1e-10; real motions have 1e-2 to 1e-
 ROUNDING = 1e-9
 """The same for directions that are nothing but rounding, which projections exclude."""
 
-_PART = 0.1
-"""A parameter with less than this part of the largest share of a combination is not named."""
+NAMED = 0.1
+"""Share of a parameter in a combination, over the largest one, from which it is named."""
 
 _MOST_TERMS = 4
 """Parameters of a combination that a message writes out; of the others it has the number."""
@@ -343,7 +343,7 @@ class Directions:
     def terms(self, direction: int) -> list[int]:
         """Return the parameters of a direction, the largest share first."""
         share = np.abs(self.svd.vectors[direction])
-        named = np.flatnonzero(share > _PART * share.max())
+        named = np.flatnonzero(share > NAMED * share.max())
         return [int(place) for place in named[np.argsort(-share[named], kind="stable")]]
 
     def text(self, direction: int) -> str:

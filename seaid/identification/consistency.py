@@ -188,7 +188,11 @@ SHIFT = 1e-3
 _safely = partial(safely, what="a body of the file", error=RobotError)
 
 _DEGENERATE = 1e-5
+"""Least eigenvalue of the pseudo-inertia of a body, over that of the ball in its place, from which
+it is taken as it is."""
+
 _LEAST_RADIUS = 0.05
+"""Least radius [m] of the ball that replaces an unknown body."""
 
 
 def balls(robot: Robot) -> Array:

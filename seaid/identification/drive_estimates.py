@@ -250,6 +250,8 @@ CONSTANTS = {
 """Factors that convert a logged input to torque, and why they are unknown."""
 
 _HOMOGENEOUS = 1e-9
+"""Part of the known torque below which what the columns contribute is rounding: the equations are
+homogeneous."""
 
 _PART = 0.01
 """Least share of a constant in a lost combination."""

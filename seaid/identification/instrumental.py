@@ -157,6 +157,7 @@ SETTLED = 0.01
 """Part of a standard error below which a change of the estimate is negligible."""
 
 _MOST_ITERATIONS = 20
+"""Sets of instruments after which an estimate is refused, since it does not converge."""
 
 
 def estimate_instrumental(condition: Condition, start: RobotEstimate) -> RobotEstimate:

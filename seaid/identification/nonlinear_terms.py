@@ -40,7 +40,7 @@ from seaid.errors import IdentificationError
 from seaid.estimation import Estimate
 from seaid.estimation.least_squares import equal_weights, ordinary
 from seaid.estimation.nonlinear_least_squares import error_growth, separable_least_squares
-from seaid.estimation.qr_factor import RANK_TOLERANCE, QRFactor, qr_factor_of, scaled_svd
+from seaid.estimation.qr_factor import NAMED, RANK_TOLERANCE, QRFactor, qr_factor_of, scaled_svd
 from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import with_values
 from seaid.identification.stacked_fits import LOAD, spring_of, with_spring_torque
@@ -54,8 +54,6 @@ Conditioned = TypeVar("Conditioned", bound=Condition)
 _SINGULAR = 1e-6
 """Singular value below which a nonlinear parameter is fixed: its column is a derivative, whose
 rank falls only near the best values, where the search ends."""
-
-_PART = 0.1
 
 _SEEN = 1e-3
 """Largest entry of the column of a friction level, of 1, below which no row determines it."""
@@ -75,10 +73,10 @@ def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -
         return None
     svd = scaled_svd(H, "the columns of a drive")
     # The last right singular vector is the worst determined combination of scaled columns. It is
-    # that of a candidate only if the candidate has a real part in it, _PART of the largest.
+    # that of a candidate only if the candidate has a real part in it, NAMED of the largest.
     share = np.abs(svd.vectors[-1])
     place = int(np.argmax(np.where(may_go, share, 0.0)))
-    is_named = may_go[place] and share[place] > _PART * share.max()
+    is_named = may_go[place] and share[place] > NAMED * share.max()
     is_lost = is_named and svd.rank(_SINGULAR) < len(names)
     return names[place] if is_lost else None
 
@@ -488,6 +486,8 @@ def _searches(condition: Condition, joints: Iterable[str]) -> Iterator[tuple[str
 
 
 _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
+"""Relative change of the torques through the gears at which they have converged; most iterations
+until then; searches of the nonlinear parameters, each with the torques of the one before."""
 
 
 def with_gear_torques(condition: Conditioned) -> Conditioned:

@@ -50,6 +50,7 @@ from seaid.regressor.regression import actuator_equation, known_friction, spring
 from seaid.robot import Robot
 
 MOST_ITERATIONS = 50
+"""Iterations after which an estimate is refused, since it does not converge."""
 
 SETTLED = 1e-3
 """Part of a standard error below which a change of the estimate is negligible."""

@@ -32,6 +32,8 @@ from seaid.robot import Robot, at_drives, torques_at_drives
 Law = Literal["linear", "cubic"]
 
 _GRAVITY = 9.80665
+"""Standard gravity [m/s^2], by which the mass of a dead weight is a force."""
+
 _FEWEST = 5
 """Fewest loads of a calibration; each direction needs three of its own."""
 
