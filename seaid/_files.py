@@ -280,10 +280,14 @@ MOST_JSON_BYTES = 2**24
 """Largest JSON file; the planned motion of seven joints takes 100 kB."""
 
 _MOST_DEPTH = 32
+"""Most levels of tables and lists within each other, each of which is a call in the call before."""
+
 _MOST_DOTS = 200
 """Most dots in a line of TOML: `tomllib` takes time quadratic in the parts of a dotted key."""
 
 _LONGEST_PLACE = 200
+"""Characters of the place of a fault in a message, as a.b[2]."""
+
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _BARE = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 

@@ -49,6 +49,8 @@ def best_so_far(description: str, meaning: str, total: int, enabled: bool) -> It
 
 
 _LONGEST_VALUE, _LONGEST_LINE, _MOST_ELEMENTS = 80, 300, 3
+"""Characters of a value and of a line in a `repr`, and the elements of an array that it writes
+out."""
 
 
 class Display:

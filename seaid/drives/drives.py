@@ -79,6 +79,7 @@ def _key(name: str, spring: tuple[str, str], joint: tuple[str, str]) -> str:
 
 
 _LEAST_DIVISOR = 1e-12
+"""Least value of a parameter, in its unit, by which an equation of a drive is divided."""
 
 
 def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
@@ -96,6 +97,8 @@ _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 """Limits that keep products and powers in the equations finite; real drives are far inside."""
 
 _MOST_EXTRA_TERMS = 20
+"""Terms that a user may add to a drive. Its text is checked and differentiated for each."""
+
 _LEAST = {
     **dict.fromkeys(("motor_inertia_kg_m2", "coulomb_friction_Nm"), "zero or more"),
     "viscous_friction_Nms_per_rad": "zero or more",

@@ -80,6 +80,7 @@ class Parameter:
 
 
 _PRESLIDING = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+"""Starts of the search for the angle of presliding, over half the range of the motor angle."""
 
 PARAMETERS = {
     "viscous_friction": Parameter("F_v", "N m s/rad"),
@@ -358,6 +359,8 @@ Angle = Literal["motor", "joint", "mesh"]
 """Angles in which an error of a drive may be periodic."""
 
 _HIGHEST_ORDER = 1000
+"""Periods per turn of the angle of a periodic error, at most."""
+
 _PARTS = ("cos", "sin")
 
 

@@ -277,6 +277,8 @@ _LIGHT = 0.02
 """Damping ratio of a spring at the start."""
 
 _ROUNDS, _LEAST_ROUNDS = 20, 3
+"""Rounds of weights and fit in which a start is refined, and those by which starts are compared."""
+
 _ENDS, _ENDS_WITH_LINE = (0, 1, 2), (-1, 0, 1, 2)
 """Powers of s by which the ends of a record act on a motor: position and speed, one for what
 sampling adds, and of a log without periods the line that is subtracted. On a load 0 and 1 act: its

@@ -585,6 +585,8 @@ def floating_rows(robot: Robot, Y: Array, joints: Sequence[int]) -> Array:
 
 
 _POSTURES, _TURNED_RAD = 20, 0.5
+"""Random postures, and the largest angle [rad] of a joint in them, over which the lever of the
+contacts is a mean."""
 
 
 @lru_cache(maxsize=8)

@@ -28,10 +28,15 @@ NONE = "–"
 """What a page shows for NaN; a terminal shows "-"."""
 
 _ERROR_DIGITS, _VALUE_DIGITS, _WITHOUT_ERROR = 2, 2, 6
+"""Significant digits of an error, digits of a value down to which it is written at least, and those
+of a value without an error."""
+
 _FIXED = (-2, 6)
 """Range of powers of ten in which a number is written without an exponent."""
 
 _TINY = 1e-16
+"""Probability below which its size is rounding: it is written as less than this."""
+
 _UNITS = {"^2": "²", "^3": "³", "^5": "⁵"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -245,6 +250,7 @@ class Format(NamedTuple):
 
 
 _LONG_GROUPING = 64
+"""Characters of a combination of parameters beyond which the rest opens on a click."""
 
 
 def _grouping(name: str) -> str | Cell:

@@ -273,6 +273,7 @@ def _motions(
 
 
 _MOST_PRINTED = 12
+"""Most traces of torques on paper, evenly from the best to the worst predicted."""
 
 
 def _printed_traces(run: Run, robot: Robot) -> Iterator[Figure]:

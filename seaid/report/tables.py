@@ -332,6 +332,7 @@ def base_rows(run: Run) -> list[ErrorRow]:
 
 
 _MOST_ERRORS = 1500
+"""Most rows of the table of errors: the pages of robots with hundreds of joints open slowly."""
 
 
 def error_table(rows: Sequence[ErrorRow]) -> Table:

@@ -424,6 +424,7 @@ def group_name(group: str) -> str:
 
 
 _WIDTH = 100
+"""Characters of a line."""
 
 
 def sensors_table(found: Identifiability) -> str:

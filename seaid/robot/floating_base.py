@@ -32,6 +32,7 @@ _NORMALS: dict[BaseKind, tuple[float, float, float]] = {
     "planar_xz": (0.0, 1.0, 0.0),
     "planar_xy": (0.0, 0.0, 1.0),
 }
+"""{kind of a base that is guided in a plane: the normal of that plane, in the axes of its link}."""
 
 HANGING = "hanging"
 """In place of the contacts of a stance: the base is bolted to the world, as in its frame's axes."""

@@ -17,8 +17,13 @@ from seaid._progress import Display
 from seaid.errors import RobotError
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+
 UNITS = ("kg",) + ("kg m",) * 3 + ("kg m^2",) * 6
+"""Units of `PARAMETERS`."""
+
 _FILE_DIGITS, _ROUNDING = 1e-3, 1e-9
+"""Errors of moments of inertia, over the largest: by the rounded digits of a file, and by
+arithmetic."""
 
 THIN = 1e-9
 """Relative tolerance on the least eigenvalue of a pseudo-inertia, which is 0 for a thin body."""

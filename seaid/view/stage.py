@@ -30,6 +30,7 @@ _FEW_VERTICES = 140
 """Meshes with fewer vertices have flat faces; smooth shading would make balls of them."""
 
 _FIELD_OF_VIEW_RAD = 0.7
+"""Vertical angle of the camera's view [rad]."""
 
 _PANEL_PX, _SMALL_PX = 345, 576
 """Width of viser's panel, and of the pages on which it covers the lower part instead."""
