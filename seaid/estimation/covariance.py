@@ -30,8 +30,9 @@ from seaid.drives.drives import NORMAL_95
 MOST_FREEDOM = 1e4
 """Degrees of freedom beyond which Student's t is normal."""
 
-_LEAST_LEFT = 0.1
-"""Least part of the variance that counts as left by the fit."""
+LEAST_LEFT = 0.1
+"""Least part of the variance of a parameter, or of the power of a line, that counts as left by the
+fit."""
 
 _FIXED_B = (2.9694, 0.4160, -0.5324)
 """Coefficients a_i of the 95 % quantile 1.96 + sum a_i b^i, b = bandwidth / T, for Bartlett weights
@@ -113,7 +114,7 @@ def left_by_fit(x: Array, Q: Array, time: Array, run: Array) -> Array:
         # windows w of lags + 1 instants, in which each instant is lags + 1 times.
         lost += _window_squares(influence, fitted, lags) / (lags + 1)
     whole = np.sum(x**2, axis=0)
-    return np.asarray(np.maximum(1 - lost / np.where(whole > 0, whole, 1.0), _LEAST_LEFT))
+    return np.asarray(np.maximum(1 - lost / np.where(whole > 0, whole, 1.0), LEAST_LEFT))
 
 
 _NUMBERS = 100_000

@@ -19,15 +19,16 @@ import pinocchio as pin
 
 from seaid._arrays import Array, finite
 from seaid.errors import ExcitationError, RobotError, listed, reason_of, shortened
-from seaid.log.readers.child_process import ChildError, child
+from seaid.log.readers.child_process import SECONDS, ChildError, child
 from seaid.robot import Robot, UrdfTree, reread_urdf
 from seaid.robot.urdf import find_mesh, numbers_of, search_folders
 
-_SECONDS, _BYTES_PER_SECOND = 15.0, 1e6
-"""Processor time of a child: the minimum [s], and the slowest rate of reading [bytes/s]."""
+_BYTES_PER_SECOND = 1e6
+"""Slowest rate [bytes/s] at which a child reads a mesh."""
 
-_MOST_SIZE_M = 1e6
-"""Largest coordinate of a mesh; larger ones overflow the arithmetic of distances."""
+MOST_SIZE_M = 1e6
+"""Largest coordinate [m] of a mesh, and coordinate or edge of a keep-out box; larger ones overflow
+the arithmetic of distances."""
 
 
 Mesh = tuple[str, str, tuple[float, float, float]]
@@ -39,7 +40,7 @@ def hulls(urdf: str | Path, meshes: Sequence[Mesh]) -> list[Any]:
     if not meshes:
         return []
     size = sum(Path(path).stat().st_size for _, path, _ in meshes)
-    seconds = _SECONDS + size / _BYTES_PER_SECOND
+    seconds = SECONDS + size / _BYTES_PER_SECOND
     shapes = []
     with child(seconds) as call:
         for link, path, scale in meshes:
@@ -73,8 +74,8 @@ def _corners(where: str, vertices: Array) -> tuple[Literal["Qt", "QJ"], Array]:
     """
     from scipy.spatial import ConvexHull, QhullError
 
-    if not len(vertices) or not np.all(np.abs(vertices) < _MOST_SIZE_M):
-        raise RobotError(f"{where} has no corners, or some that are beyond {_MOST_SIZE_M:g} m")
+    if not len(vertices) or not np.all(np.abs(vertices) < MOST_SIZE_M):
+        raise RobotError(f"{where} has no corners, or some that are beyond {MOST_SIZE_M:g} m")
     try:
         # coal's own hull aborts the process on a flat mesh
         corners = vertices[ConvexHull(vertices).vertices]

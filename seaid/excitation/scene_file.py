@@ -22,7 +22,7 @@ from seaid.errors import (
     shortened,
     shown,
 )
-from seaid.excitation.collision import Pair, Scene, collision_geometry, distances
+from seaid.excitation.collision import MOST_SIZE_M, Pair, Scene, collision_geometry, distances
 from seaid.robot import Robot
 
 _POSTURES = 500
@@ -30,9 +30,6 @@ _POSTURES = 500
 
 _NEARLY_ALWAYS = 0.95
 """Share of random postures that MoveIt's setup assistant takes for 'always in collision'."""
-
-_MOST_M = 1e6
-"""Largest coordinate and edge of a keep-out box."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,9 +64,9 @@ class Box(Display):
         for name in ("center", "size", "rotation_rpy"):
             where = f"{name} of keep-out box '{shortened(self.name)}'"
             value = finite(where, getattr(self, name), (3,), ExcitationError)
-            if np.max(np.abs(value)) > _MOST_M:
+            if np.max(np.abs(value)) > MOST_SIZE_M:
                 raise ExcitationError(
-                    f"{where} must be at most {_MOST_M:g}, found {value.tolist()}"
+                    f"{where} must be at most {MOST_SIZE_M:g}, found {value.tolist()}"
                 )
             object.__setattr__(self, name, value)
         if np.min(self.size) <= 0:

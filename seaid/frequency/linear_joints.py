@@ -22,6 +22,7 @@ import scipy
 from seaid._arrays import Array, BoolArray, safely
 from seaid.drives import Drive, ParameterName, is_dry, total_ratio, unit_of
 from seaid.estimation import Estimate
+from seaid.estimation.covariance import LEAST_LEFT
 from seaid.estimation.qr_factor import scaled_svd
 from seaid.frequency.spectra import NEAR, STICKS, Record, Spectra, motor_rates
 from seaid.regressor.base import check_constant_ratios, torque_slopes
@@ -259,9 +260,6 @@ _AVERAGED = 40
 
 _LEAST_NOISE = 1e-4
 """Share of the errors that noise of the torque, and that of the angle, have at least."""
-
-_LEAST_LEFT = 0.1
-"""Share of the power of a line that the fit leaves at least."""
 
 FITS = 1.15
 """Lack of fit below which a minimum is the right one. On random systems of two and three joints it
@@ -683,7 +681,7 @@ class _Problem:
         Q = self.ends(*self.whitened(x, noise))
         by_fit = np.sum(np.linalg.qr(J)[0] ** 2, axis=1).reshape(2, *errors.shape).mean(axis=0)
         by_ends = 0.5 * np.sum(np.abs(Q) ** 2, axis=1).reshape(errors.shape[1:])
-        remaining = np.maximum(1 - by_fit - by_ends, _LEAST_LEFT)
+        remaining = np.maximum(1 - by_fit - by_ends, LEAST_LEFT)
         power = self.averaged(np.mean(np.abs(errors) ** 2 / remaining, axis=0))
         spread = np.broadcast_to(power, (2, *errors.shape)).ravel()
         covariance = 0.5 * (inverse * spread) @ inverse.T

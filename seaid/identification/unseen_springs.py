@@ -37,6 +37,7 @@ from seaid.regressor.regression import actuator_columns, spring_regressor
 from seaid.robot import Robot, at_drives, at_joints
 from seaid.robot.transmission import completed
 from seaid.simulation.plant import torque_jacobians, with_joints
+from seaid.simulation.replaying import FARTHEST
 
 if TYPE_CHECKING:
     from seaid.identification.result import Identification
@@ -129,10 +130,6 @@ def with_rigid_angles(robot: Robot, log: Log, joints: Sequence[str]) -> Log:
     return replace(log, joint_position=position)
 
 
-_DIVERGED_RAD = 1e6
-"""Angle or length that only a simulation that diverges comes to."""
-
-
 def with_angles(robot: Robot, log: Log, motions: Sequence[Motion], joints: Sequence[str]) -> Log:
     """Return the log with the positions that joints have in its motions, at their times.
 
@@ -146,7 +143,7 @@ def with_angles(robot: Robot, log: Log, motions: Sequence[Motion], joints: Seque
             angle = motion.joint_position[:, robot.index(joint)]
             place = log.joint_names.index(joint)
             position[inside, place] = np.interp(log.time[inside], motion.time, angle)
-    if not np.all(np.abs(np.nan_to_num(position)) < _DIVERGED_RAD):
+    if not np.all(np.abs(np.nan_to_num(position)) < FARTHEST):
         raise IdentificationError("the simulated angles behind the springs diverge")
     return replace(log, joint_position=position)
 

@@ -586,7 +586,7 @@ def floating_rows(robot: Robot, Y: Array, joints: Sequence[int]) -> Array:
 
 _POSTURES, _TURNED_RAD = 20, 0.5
 """Random postures, and the largest angle [rad] of a joint in them, over which the lever of the
-contacts is a mean."""
+contacts is taken (rms)."""
 
 
 @lru_cache(maxsize=8)

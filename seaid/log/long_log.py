@@ -18,6 +18,7 @@ from seaid.log.description import LogDescription
 from seaid.log.filtering import decimation, filter_overlap
 from seaid.log.log import MINIMUM_SAMPLES, WRITTEN, Log
 from seaid.log.motion import (
+    FEWEST_PERIODS,
     Motion,
     Processing,
     check_cutoff,
@@ -36,9 +37,6 @@ CHUNK_SAMPLES = 16_000
 
 _MOST_SAMPLES = 1_000_000_000
 """Largest number of samples that a user may have in memory at a time."""
-
-_SHORTEST_RECORD = 10.0
-"""Shortest log that can be reconstructed, in periods of the cutoff."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,7 +144,7 @@ def open_long_log(
     check_cutoff(cutoff_hz, rate_hz)
     step, period = decimation(rate_hz, cutoff_hz), rate_hz / cutoff_hz
     # Whole rows, and long enough for the check of a motion's duration.
-    chunk = step * math.ceil(max(chunk_samples, _SHORTEST_RECORD * period) / step)
+    chunk = step * math.ceil(max(chunk_samples, FEWEST_PERIODS * period) / step)
     long_log = LongLog(
         path=path,
         robot=robot,

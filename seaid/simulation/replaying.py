@@ -48,8 +48,8 @@ _LONGEST_STEP_S = 1e-3
 _LEAST_CLOSED_S, _MOST_CLOSED_S = 5e-4, 2e-3
 """Shortest and longest of the longest steps with controllers."""
 
-_FARTHEST = 1e6
-"""Position [rad or m] from which a simulation diverged."""
+FARTHEST = 1e6
+"""Position [rad or m] that only a simulation that diverges comes to."""
 
 Command = Callable[[float, Array], Array]
 """Function of time [s] and joint positions (n,) that returns motor inputs (n,)."""
@@ -144,7 +144,7 @@ def rollout(
             feedback = None if feedbacks is None else feedbacks[part]
             rate = (later - now)[order] / step
             state = advance(warm_plant, data, state, now[order], rate, step, feedback)
-        if not np.all(np.abs(state[JOINT_POSITION]) < _FARTHEST):
+        if not np.all(np.abs(state[JOINT_POSITION]) < FARTHEST):
             raise diverged()
     return Log(
         time=log.time,

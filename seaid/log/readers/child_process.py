@@ -22,8 +22,8 @@ _MOST_MEMORY, _MEMORY_SHARE, _LEAST_MEMORY = 3e9, 0.5, 5e8
 """Limit on the memory of a child [bytes], the share of the free memory that it may have, and what
 it always has."""
 
-_SECONDS = 15.0
-"""Smallest limit of processor time of a child that reads a file."""
+SECONDS = 15.0
+"""Smallest limit of the processor time of a child [s] that reads a file."""
 
 _WALL_FACTOR = 6.0
 """Ratio of wall time to processor time above which a child counts as hanging."""
@@ -85,7 +85,7 @@ def read_in_child(
     `bytes_per_second` is the slowest rate of reading. Raises LogError for a file that is not of the
     `kind`, or damaged.
     """
-    seconds = _SECONDS + size_of(path) / bytes_per_second
+    seconds = SECONDS + size_of(path) / bytes_per_second
     with damaged(path, kind), child(seconds) as call:
         return call(function, str(path), *arguments)
 
