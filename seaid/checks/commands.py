@@ -22,8 +22,8 @@ from seaid.checks.codes import CODES
 from seaid.checks.engine import looks_for
 from seaid.checks.experiment import Experiment, Transform, scaled
 from seaid.drives import Controller, Drive, ParameterName
-from seaid.drives.controller import DELAY_PARAMETER
-from seaid.drives.drives import NORMAL_95, stated_delay_s
+from seaid.drives.controller import DELAY_PARAMETER, NORMAL_95
+from seaid.drives.drives import stated_delay_s
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
 from seaid.estimation.parameters import buses_of, is_stated

@@ -11,6 +11,9 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, number
 from seaid.errors import RobotError, shown
 
+NORMAL_95 = 1.96
+"""Standard errors on either side of a normal value within which it is with 95 %."""
+
 DELAY_PARAMETER = "command_delay"
 """The parameter of the delay of commands."""
 

@@ -19,7 +19,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import Display
 from seaid.drives.angle_ratio import AngleRatio
-from seaid.drives.controller import DELAY_PARAMETER, Controller, signed_number
+from seaid.drives.controller import DELAY_PARAMETER, NORMAL_95, Controller, signed_number
 from seaid.drives.terms import (
     BY_TEMPERATURE,
     COMMANDS,
@@ -695,9 +695,6 @@ IDEAL_DRIVE = StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
 
 
 # What drives share: one delay of commands on each bus, one value in each group of one type
-
-NORMAL_95 = 1.96
-"""Standard errors on either side of a normal value within which it is with 95 %."""
 
 STATED_DELAY_S = 12.5e-3
 """An unknown delay [s] of commands is within this of its nominal value, with 95 %, if the drive

@@ -25,7 +25,7 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array, BoolArray, IndexArray
-from seaid.drives.drives import NORMAL_95
+from seaid.drives.controller import NORMAL_95
 
 MOST_FREEDOM = 1e4
 """Degrees of freedom beyond which Student's t is normal."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, safely
 from seaid._progress import track
-from seaid.drives.drives import NORMAL_95
+from seaid.drives.controller import NORMAL_95
 from seaid.errors import ExcitationError, SeaidError
 from seaid.estimation.covariance import correlated_rows
 from seaid.estimation.parameters import Parameter, bounds_of, priors_of

@@ -20,8 +20,8 @@ import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid.drives import Drive, ParameterName
-from seaid.drives.controller import DELAY_PARAMETER
-from seaid.drives.drives import NORMAL_95, SHARED, STATED_DELAY_S, check_groups
+from seaid.drives.controller import DELAY_PARAMETER, NORMAL_95
+from seaid.drives.drives import SHARED, STATED_DELAY_S, check_groups
 from seaid.drives.terms import places_of
 from seaid.errors import IdentificationError, RobotError, check_name
 from seaid.estimation.estimate import Estimate, SharedParameter, TermTest

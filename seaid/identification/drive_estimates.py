@@ -22,8 +22,7 @@ import numpy as np
 from seaid._arrays import Array, safely
 from seaid._files import toml_table
 from seaid.drives import Drive, ParameterName, unit_of
-from seaid.drives.controller import DELAY_PARAMETER
-from seaid.drives.drives import NORMAL_95
+from seaid.drives.controller import DELAY_PARAMETER, NORMAL_95
 from seaid.drives.terms import parameter_named
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, FittedRows, fit
