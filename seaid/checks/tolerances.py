@@ -31,9 +31,10 @@ know of a direction of the parameters below it is predicted with ten times the v
 noise. Mistakes are often round: a factor may be off a usual one by twice this part."""
 
 SURE = 3.0
-"""Standard errors from which a value is not zero: of twenty parameters that are zero, one is two
-standard errors below it in four of ten logs. Of windows of a residual, a multiple of the median;
-of a noise, the multiple below which a third or more of a signal is noise."""
+"""Standard errors from which a value is not zero, or is beyond a limit: of twenty parameters that
+are zero, one is two standard errors below it in four of ten logs. Of windows of a residual, a
+multiple of the median; of a noise, the multiple below which a third or more of a signal is
+noise."""
 
 BURST, WINDOW_S, RARE, SLIGHT = 6.0, 0.25, 0.2, 0.05
 """A contact is where the residual of a window [s] exceeds so many times that of the median window

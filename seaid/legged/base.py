@@ -30,7 +30,7 @@ from seaid._progress import counted
 from seaid.checks import CODES
 from seaid.checks.codes import only_joint
 from seaid.checks.engine import Check, observed
-from seaid.checks.tolerances import MANY_TIMES, MOST, NEGLIGIBLE, RARE
+from seaid.checks.tolerances import MANY_TIMES, MOST, NEGLIGIBLE, RARE, SURE
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate, FittedRows
 from seaid.estimation.covariance import MOST_FREEDOM
@@ -628,16 +628,12 @@ def _significant(axes: _Axes, value: Array, covariance: Array, freedom: float) -
 
 def _chance(axes: _Axes, b: Array, C: Array, freedom: float) -> float:
     """Return the probability of so large values without errors, 1 if their size does not count."""
-    k, size, spread = len(b), np.abs(b), _FAR * np.sqrt(np.diag(C))
+    k, size, spread = len(b), np.abs(b), SURE * np.sqrt(np.diag(C))
     if not (axes.counts(b) and np.all(size - spread < axes.most) and freedom >= k):
         return 1.0
     # T^2 = b^T C^-1 b (n - k + 1) / (k n) has the distribution F(k, n - k + 1) (Hotelling)
     score = float(b @ safely(np.linalg.solve, C, b, what="the errors of the sensors"))
     return float(fdtrc(k, freedom - k + 1, score * (freedom - k + 1) / (k * freedom)))
-
-
-_FAR = 3.0
-"""Standard errors by which an error of a sensor is beyond the largest that is one."""
 
 
 def _freedom(estimate: Estimate) -> float:

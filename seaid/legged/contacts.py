@@ -537,7 +537,7 @@ def _normal_numbers(
     """Return mean, least and error of normal forces (T,), used friction, and the share of pulls."""
     loaded = f_n > LOADED * weight
     used = np.quantile(f_t[loaded] / f_n[loaded], 0.99) if np.any(loaded) else np.nan
-    pulls = np.mean(f_n < -max(_PULLS * error, FREE * weight))
+    pulls = np.mean(f_n < -max(SURE * error, FREE * weight))
     return float(f_n.mean()), float(f_n.min()), error, float(used), float(pulls)
 
 
@@ -556,9 +556,6 @@ def _mean_sum(normal: Array, stands: BoolArray) -> float:
 
 _LITTLE = 0.5
 """Degrees of freedom per instant below which the rows do not show their noise."""
-
-_PULLS = 3.0
-"""Standard errors below zero from which the force of a foot that stands is a pull."""
 
 
 # What the forces of a fit, and its rows, contradict in the feet
