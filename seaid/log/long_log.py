@@ -28,12 +28,10 @@ from seaid.log.motion import (
 )
 from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Block, Blocks, joined
+from seaid.log.rows import PIECE_SAMPLES
 from seaid.log.sources import completed, selected
 from seaid.log.usable_parts import hole_text, holes, without_frozen
 from seaid.robot import Robot
-
-CHUNK_SAMPLES = 16_000
-"""Samples in memory at a time, without the overlap."""
 
 _MOST_SAMPLES = 1_000_000_000
 """Largest number of samples that a user may have in memory at a time."""
@@ -95,7 +93,7 @@ def open_long_log(
     robot: Robot,
     *,
     cutoff_hz: float | None = None,
-    chunk_samples: int = CHUNK_SAMPLES,
+    chunk_samples: int = PIECE_SAMPLES,
 ) -> LongLog:
     """Open a log file to be read in pieces; one pass determines cutoff and largest speeds.
 

@@ -85,7 +85,8 @@ def row_samples(motion: Motion) -> IndexArray:
 
 
 PIECE_SAMPLES = 16_000
-"""Samples of a motion whose columns are in memory at a time, without the overlap."""
+"""Samples of a log, or of a motion with its columns, that are in memory at a time, without the
+overlap."""
 
 
 def pieces(motion: Motion, samples: int = PIECE_SAMPLES) -> Iterator[tuple[Motion, float, float]]:
