@@ -97,7 +97,7 @@ _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 """Limits that keep products and powers in the equations finite; real drives are far inside."""
 
 _MOST_EXTRA_TERMS = 20
-"""Terms that a user may add to a drive. Its text is checked and differentiated for each."""
+"""Terms that a user may add to a drive, each a text that is checked and differentiated."""
 
 _LEAST = {
     **dict.fromkeys(("motor_inertia_kg_m2", "coulomb_friction_Nm"), "zero or more"),

@@ -44,7 +44,7 @@ _DETERMINED = 0.5
 """A log determines a parameter if it at least halves the standard deviation of the prior."""
 
 _UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
-"""Units of `_BODY`: of the mass, of the centre of mass, and of the inertia about it."""
+"""Units of the mass, of the centre of mass, and of the inertia about it, as in `_BODY`."""
 
 _BODY = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """What simulators have of a body: its inertia is at the centre of mass, in the body's axes."""

@@ -332,7 +332,8 @@ def base_rows(run: Run) -> list[ErrorRow]:
 
 
 _MOST_ERRORS = 1500
-"""Most rows of the table of errors: the pages of robots with hundreds of joints open slowly."""
+"""Most rows of the table of errors, so that the page of a robot with hundreds of joints opens
+fast."""
 
 
 def error_table(rows: Sequence[ErrorRow]) -> Table:
