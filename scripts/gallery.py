@@ -31,8 +31,7 @@ from seaid._arrays import IndexArray
 from seaid.excitation.limits import joint_limits
 from seaid.log import in_band, low_pass, row_samples
 from seaid.robot.inertia import in_parent_frame
-from seaid.view.picture import rest_posture
-from seaid.view.stage import aim, sphere_around
+from seaid.view.picture import aim, rest_posture, sphere_around
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 

@@ -18,9 +18,8 @@ from seaid.identification.validation import compared
 from seaid.report import figures, formats, provenance, tables
 from seaid.report.comparison import Difference, comparison_of
 from seaid.report.formats import probability, rendered, share, short
-from seaid.report.html_charts import Axis, Figure, traces_figure
+from seaid.report.html_charts import Axis, Figure, Run, traces_figure, traces_of
 from seaid.report.html_robot import Label, Posture, posture_of, robot_picture
-from seaid.report.html_traces import Run, traces_of
 from seaid.report.html_verdict import (
     Nominal,
     Notice,

@@ -31,7 +31,7 @@ from seaid.report.tables import ErrorRow, error_rows, place_name, side_name
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate
-    from seaid.report.html_traces import Run
+    from seaid.report.html_charts import Run
     from seaid.robot import Robot
     from seaid.simulation import ReplayComparison
 

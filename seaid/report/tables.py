@@ -24,8 +24,8 @@ from seaid.report.formats import (
     short,
     table_of,
 )
+from seaid.report.html_charts import SIDES, torque_units
 from seaid.report.html_robot import center_of_mass
-from seaid.report.html_traces import SIDES, torque_units
 from seaid.robot import BASE_ROWS
 from seaid.robot.inertia import principal_moments
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from seaid.identification import Fit, Identification, StaticCalibration
     from seaid.legged import ContactForces
     from seaid.report.comparison import Comparison
-    from seaid.report.html_traces import Run
+    from seaid.report.html_charts import Run
     from seaid.robot import Robot
     from seaid.simulation import ReplayComparison
 

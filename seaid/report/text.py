@@ -17,7 +17,7 @@ from seaid.drives import ParameterName
 from seaid.errors import Finding
 from seaid.report import tables
 from seaid.report.formats import Column, Measured, Table, cut, number, percent, table_of
-from seaid.report.html_traces import Run
+from seaid.report.html_charts import Run
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate

@@ -13,9 +13,8 @@ from seaid.view.picture import NEUTRAL, rest_posture
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
-    from seaid.view.picture import Picture
+    from seaid.view.picture import Picture, Stage
     from seaid.view.playback import Playback
-    from seaid.view.stage import Stage
 
 NOTHING = "nothing"
 SPEEDS = ("0.1x", "0.25x", "0.5x", "1x", "2x", "4x")

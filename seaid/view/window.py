@@ -17,9 +17,8 @@ from seaid._progress import Display, counted
 from seaid.errors import RobotError, SeaidError, checked, reason_of, unknown_name
 from seaid.robot import Robot
 from seaid.view.panel import NOTHING, Panel, deflection_colors
-from seaid.view.picture import Picture, picture_of, rest_posture
+from seaid.view.picture import Picture, Stage, picture_of, rest_posture, set_the_view
 from seaid.view.playback import Playback, Shown, playback_of
-from seaid.view.stage import Stage, set_the_view
 
 if TYPE_CHECKING:
     from seaid.identification import Identification

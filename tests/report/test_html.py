@@ -20,12 +20,11 @@ from seaid.estimation import TermTest, Whiteness
 from seaid.estimation.estimate import ModelChecks
 from seaid.identification import Identification, Validation, identify
 from seaid.identification.validation import compared
-from seaid.report import html_traces, tables, write_comparison, write_report
+from seaid.report import html_charts, tables, write_comparison, write_report
 from seaid.report.figures import actuator_figures
 from seaid.report.formats import share
 from seaid.report.html import runs_of
-from seaid.report.html_charts import Axis, traces_figure
-from seaid.report.html_traces import Run, axis_time
+from seaid.report.html_charts import Axis, Run, axis_time, traces_figure
 from seaid.report.html_verdict import (
     NO_BODIES,
     before_and_after,
@@ -203,8 +202,8 @@ def test_spectrum_of_a_sine_has_its_amplitude_at_its_frequency(tmp_path: Path) -
 def test_without_room_traces_are_thinned_with_their_peaks_and_said_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small = replace(html_traces._LAYOUT, room_bytes=8_000)
-    monkeypatch.setattr(html_traces, "_LAYOUT", small)
+    small = replace(html_charts._TRACES, room_bytes=8_000)
+    monkeypatch.setattr(html_charts, "_TRACES", small)
     found, result = made_up(tmp_path, ("a", "b", "c"), 4000)
     spike = result.load.measured.copy()
     spike[1234, 1] = 50.0
@@ -223,8 +222,8 @@ def test_more_motions_than_there_is_room_for_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So are errors that are not in their table."""
-    few = replace(html_traces._LAYOUT, most=5)
-    monkeypatch.setattr(html_traces, "_LAYOUT", few)
+    few = replace(html_charts._TRACES, most=5)
+    monkeypatch.setattr(html_charts, "_TRACES", few)
     monkeypatch.setattr(tables, "_MOST_ERRORS", 6)
     found, result = made_up(tmp_path, ("a", "b"), 600)
     page = page_of(tmp_path, found, [result] * 4)

@@ -12,7 +12,7 @@ import pytest
 from seaid.legged import ContactForces
 from seaid.report import comparison_of, tables
 from seaid.report.formats import FORMATS, Cell, Column, Measured, Table, _tables, table_of
-from seaid.report.html_traces import Run
+from seaid.report.html_charts import Run
 from tests.experiments import arm, arm_found, arm_result, leg
 from tests.report.test_comparison import made, of_loads
 from tests.report.test_formats import read

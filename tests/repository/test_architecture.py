@@ -165,7 +165,7 @@ ONE_IMPORTER = {
     ),
     "one part of the page or window each": (
         *("report.figures", "report.html_verdict"),
-        *("view.panel", "view.playback", "view.stage"),
+        *("view.panel", "view.playback"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("checks.bodies", "legged.contacts"),

@@ -20,8 +20,16 @@ from seaid.legged import load_robot
 from seaid.robot import Robot
 from seaid.view import View, view_robot
 from seaid.view.panel import deflection_colors
-from seaid.view.picture import IDENTIFIED, NEUTRAL, NOMINAL, picture_of, placements
-from seaid.view.stage import GHOST, aim, sphere_around
+from seaid.view.picture import (
+    GHOST,
+    IDENTIFIED,
+    NEUTRAL,
+    NOMINAL,
+    aim,
+    picture_of,
+    placements,
+    sphere_around,
+)
 from tests import experiments
 from tests.experiments import TEST_MASS
 from tests.view.motions import log_of, plan_of
