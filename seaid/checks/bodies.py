@@ -24,7 +24,6 @@ from seaid.checks.experiment import (
     moved,
     multiplied,
     near,
-    scaled,
 )
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation.qr_factor import RANK_TOLERANCE, posterior, scaled_svd, triangle
@@ -132,7 +131,7 @@ def poses(experiment: Experiment) -> Iterator[Transform]:
     for j in turning:
         yield from _zero(experiment, j, (0.0, *_TURNS))
     for joints in chain(combinations(turning, 1), combinations(turning, 2)):
-        reversed_joints = scaled(experiment, dict.fromkeys(joints, -1.0), "qmts")
+        reversed_joints = experiment.scaled(dict.fromkeys(joints, -1.0), "qmts")
         yield _off(reversed_joints, dict.fromkeys(joints, 0.0), tol.MOST * len(joints), joints)
         if len(joints) == 1:
             yield from _zero(reversed_joints, joints[0], (0.0, *_TURNS), joints)

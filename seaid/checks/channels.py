@@ -15,7 +15,8 @@ from seaid._files import toml_key
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, in_description, in_drives
 from seaid.checks.engine import Check, looks_for
-from seaid.checks.experiment import Experiment, stands_locked
+from seaid.checks.experiment import Experiment
+from seaid.checks.instants import stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, listed
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
@@ -31,7 +32,7 @@ from seaid.log.description import (
 )
 from seaid.log.repair.channels import held_over, saturated, wrap_period
 from seaid.log.usable_parts import REST
-from seaid.regressor.regression import INPUT_FIELDS
+from seaid.regressor.base import INPUT_FIELDS
 from seaid.robot import Robot
 
 

@@ -20,7 +20,7 @@ from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES
 from seaid.checks.engine import looks_for
-from seaid.checks.experiment import Experiment, Transform, scaled
+from seaid.checks.experiment import Experiment, Transform
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER, NORMAL_95
 from seaid.drives.drives import stated_delay_s
@@ -480,5 +480,5 @@ def _in_other_units(
     joints = tuple(names[j] for j in sorted(factors))
     of_joints = "bodies", "", {**evidence, **words}, _declared_scale(robot, joints)
     finding = CODES["gain-scale"].finding(*of_joints, joints=joints)
-    right = scaled(experiment, {j: 1 / factor for j, factor in factors.items()}, "t")
+    right = experiment.scaled({j: 1 / factor for j, factor in factors.items()}, "t")
     return Transform(finding, right, penalty=float(len(off)))

@@ -1,9 +1,13 @@
-"""An experiment at some hundred instants: its signals, what was given, and what that explains.
+"""An experiment: what the bodies of the robot file, and any bodies, explain of the `Instants`.
+
+A possible mistake of a set-up is a `Transform`: the experiment without the mistake, and its
+finding. Its value is searched, or a usual one near it.
 
 Five misfits judge a set-up: how well the nominal bodies of the robot file predict the torque of
 each joint, how well any bodies do, how well the motor equation (7) of a spring joint holds, and how
 well the encoders of both sides agree, and the torques of both sides. Friction that would drive the
-joint is none.
+joint is none. The bodies of the file are uncertain: a torque is weighed by the noise and by their
+errors.
 """
 
 from __future__ import annotations
@@ -12,34 +16,22 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain, combinations
-from typing import Any, TypeVar
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray, safely
+from seaid._arrays import Array, FrozenMapping, safely
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import Code, in_description, only_joint
-from seaid.drives import IDEAL_DRIVE
-from seaid.drives.terms import MOTOR_CONSTANTS
-from seaid.errors import Finding, listed
+from seaid.checks.instants import MOST_STEPS, OF_TORQUES, SIGNALS, Instants, derived, fitted
+from seaid.errors import Finding
 from seaid.estimation import qr_factor
 from seaid.estimation.covariance import correlated_rows
-from seaid.log import Motion, row_samples
-from seaid.log.description import Entries, Entry, changed_source, sources_of
-from seaid.log.filtering import moving
-from seaid.log.rows import in_band_at
-from seaid.regressor import BaseParameters, base_parameters, joint_torques
-from seaid.regressor.base import regressor_at_drives
-from seaid.regressor.regression import INPUT_FIELDS
-from seaid.robot import Robot, at_drives, at_joints, torques_at_drives
-
-INSTANTS = 200
-"""Instants at which hypotheses are compared."""
-
-_WINDOWS, _WINDOW_SAMPLES = 5, 4000
-"""Windows of a longer motion from which these instants are taken, evenly over its time."""
+from seaid.log.description import Entries
+from seaid.regressor import BaseParameters, base_parameters
+from seaid.robot import torques_at_drives
 
 KINDS = {
     "of_sensors": (tol.FEW, "torque between motor and sensor"),
@@ -51,11 +43,12 @@ KINDS = {
 """{kind of misfit, a property of `Experiment`: (size up to which it counts as none, words for what
 it is a part of)}, the quickly computed ones first."""
 
-_ARRAYS = {"q": ["joint"], "m": ["motor", "direction"], "s": ["sensed"]}
-_ARRAYS["t"] = ["effort", "effort_rate"]
-"""{channel of a joint: the fields (..., n) that a change of it changes}: q is the position of the
-joint, m that of the motor, t the torque and s that of a sensor behind the motor. Without a motor
-torque the sensor of a joint is its channel t."""
+SHORTLIST = 12
+"""Number of joints, those with the largest misfits, of which all pairs with other joints are tried.
+Also the number of transforms, the best by what is quickly computed, of which all misfits are."""
+
+_SCALES = 60
+"""Widths of the bodies of a robot file that are compared, see `file_cost`."""
 
 
 def moved(mass: float, moments: Array) -> Array:
@@ -90,262 +83,9 @@ class TorqueScale:
         return self.factor if abs(self.factor) > tol.SURE * self.error else 0.0
 
 
-_OF_LOADS = ("robot", "joint", "motor", "direction", "sprung")
-_OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "effort", "effort_rate", "sensed")
-_SIGNALS = (*_OF_TORQUES, "both", "counted", "acting")
-"""Fields of an experiment from which its loads, its torques, and all but bodies are derived."""
-
-_OF_INSTANTS = (*chain.from_iterable(_ARRAYS.values()), "time", "counted")
-"""Fields (..., R, k) with a value for each instant."""
-
-SHORTLIST = 12
-"""Number of joints, those with the largest misfits, of which all pairs with other joints are tried.
-Also the number of transforms, the best by what is quickly computed, of which all misfits are."""
-
-_LARGE = ("regressor", "columns", "_factors", "_seen", "_effects", "_rows")
-"""Derived arrays that `forget_rows` drops: they grow with the bodies times instants or joints."""
-
-Value = TypeVar("Value")
-
-_FIELDS_OF: dict[str, frozenset[str]] = {}
-
-
-def derived(*fields: str) -> Callable[[Callable[[Any], Value]], cached_property[Value]]:
-    """Return the decorator of a property of `Experiment` that is computed once from some fields.
-
-    `Experiment.with_changes` keeps its value if these stay, so that of the hundreds of transforms
-    of an experiment each one computes only what it changes.
-    """
-
-    def decorate(compute: Callable[[Any], Value]) -> cached_property[Value]:
-        _FIELDS_OF[compute.__name__] = frozenset(fields)
-        return cached_property(compute)
-
-    return decorate
-
-
 @dataclass(frozen=True, eq=False)
-class Experiment:
-    """A motion at R instants, below the cutoff, with what was given about the robot.
-
-    `log` (R,): number of the log, from 0; `time` (R, 1) [s] in it; `rate_hz`: sampling rate;
-    `motor` and `joint` (3, R, n): position, velocity and acceleration of both sides; `direction`
-    (R, n): the sign of the motor speed; `effort` and its derivative `effort_rate` (R, n): torque,
-    current or voltage of the motor; `sensed` (R, n): torque of a sensor behind it; NaN without
-    these; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,): gear ratios and
-    rotor inertias; `sprung` (n,): whether a spring is parallel to the joint; `bodies` (10n,):
-    standard parameters with payloads; `sources`: of each log {joint: {quantity: column or entry of
-    its description}}; `counted` (R, n): whether misfits are taken at an instant; `acting`
-    (2, n): whether friction and a rotor may act on a joint; `has_wrenches`: whether contact forces
-    were measured.
-    """
-
-    robot: Robot
-    log: IndexArray
-    time: Array
-    rate_hz: float
-    motor: Array
-    joint: Array
-    direction: Array
-    effort: Array
-    effort_rate: Array
-    sensed: Array
-    both: BoolArray
-    ratio: Array
-    inertia: Array
-    sprung: BoolArray
-    bodies: Array
-    sources: tuple[Entries, ...]
-    counted: BoolArray
-    acting: BoolArray
-    has_wrenches: bool = False
-
-    def source(self, j: int, quantity: str, log: int = 0) -> Entry:
-        """Return how a quantity of joint j was read."""
-        return self.sources[log][self.robot.joint_names[j]][quantity]
-
-    def input(self, j: int) -> str:
-        """Return the quantity by which the torque of motor j is logged, such as its current."""
-        return INPUT_FIELDS[self.robot.drives[self.robot.joint_names[j]].motor_input]
-
-    def logged(self, j: int, channels: str) -> list[str]:
-        """Return the logged quantities of joint j for channels of q, m, t and s.
-
-        Where a channel was not logged, the quantity is that of the other side, from which it was
-        computed.
-        """
-        sources = self.sources[0][self.robot.joint_names[j]]
-        sides = {"q": ["joint_position", "motor_position"], "t": [self.input(j), "joint_torque"]}
-        sides |= {"m": sides["q"][::-1], "s": sides["t"][1:]}
-        choices = [[name for name in sides[x] if name in sources][:1] for x in channels]
-        return list(dict.fromkeys(name for choice in choices for name in choice))
-
-    def entries(self, j: int, channels: str, **changes: float) -> dict[str, Entry]:
-        """Return {quantity: source} of `logged`, with the changes of `changed_source`."""
-        names = self.logged(j, channels)
-        return {name: changed_source(self.source(j, name), **changes) for name in names}
-
-    def with_changes(self, **changes: Any) -> Experiment:
-        """Return the experiment with other fields, and what was derived from those that stay."""
-        changed, names = replace(self, **changes), {*changes}
-        # unknown constants follow from all that there is
-        names |= {"effort"} if np.any(self.is_unscaled) else set()
-        stay = (name for name in vars(self) if not _FIELDS_OF.get(name, names) & names)
-        vars(changed).update({name: vars(self)[name] for name in stay})
-        return changed
-
-    def forget_rows(self) -> None:
-        """Forget the large arrays that were derived, which are derived again if they are needed."""
-        for name in _LARGE:
-            vars(self).pop(name, None)
-
-    def described_as(self, sources: Entries, number: int | None = None) -> Experiment:
-        """Return the experiment whose description has other sources of some quantities.
-
-        That is the description of one log by its number, or that of all.
-        """
-        described = (
-            {joint: {**entries, **sources.get(joint, {})} for joint, entries in log.items()}
-            if number in (None, place)
-            else log
-            for place, log in enumerate(self.sources)
-        )
-        return self.with_changes(sources=tuple(described))
-
-    def of_log(self, number: int) -> Experiment:
-        """Return the experiment at the instants of one log."""
-        rows = self.log == number
-        parts = {name: getattr(self, name)[..., rows, :] for name in _OF_INSTANTS}
-        return self.with_changes(log=self.log[rows], sources=(self.sources[number],), **parts)
-
-    def with_log(self, before: Experiment, after: Experiment) -> Experiment:
-        """Return the experiment in which the instants of one log, `before`, are those `after`."""
-        changes, rows = dict[str, Array](), self.log == before.log[0]
-        for name in _OF_INSTANTS:
-            if getattr(before, name) is not getattr(after, name):
-                changes[name] = getattr(self, name).copy()
-                changes[name][..., rows, :] = getattr(after, name)
-        return self.with_changes(**changes)
-
-    def with_channels(self, channels: str, change: Callable[[Array], Array]) -> Experiment:
-        """Return the experiment after a change of the arrays (..., n) of channels q, m, t and s."""
-        names = [name for channel in channels for name in _ARRAYS[channel]]
-        changes = {name: change(getattr(self, name)) for name in names}
-        if "t" in channels and "s" not in channels:
-            changes["sensed"] = np.where(self.has_both_torques, self.sensed, change(self.sensed))
-        changed = self.with_changes(**changes)
-        return changed.consistent if {*channels} & {"q", "m"} else changed
-
-    def turned_by(self, added: Array) -> Experiment:
-        """Return the experiment with states (3, R, n) added to joints, and so to their motors."""
-        turned = self.lever * at_drives(self.robot.transmission, added)
-        return self.with_changes(joint=self.joint + added, motor=self.motor + turned)
-
-    @property
-    def consistent(self) -> Experiment:
-        """The experiment in which the joints without encoders follow from the motors.
-
-        The motors without encoders follow from the joints.
-        """
-        names, sources = self.robot.joint_names, self.sources[0]
-        is_alone = np.array(["joint_position" not in sources.get(x, {}) for x in names])
-        of_motors = at_joints(self.robot.transmission, self.motor / self.lever)
-        changed = self.with_changes(joint=np.where(is_alone & ~self.both, of_motors, self.joint))
-        motor = np.where(is_alone | self.both, self.motor, changed.lever * changed.turned)
-        return changed.with_changes(motor=motor)
-
-    @derived("robot", "joint")
-    def turned(self) -> Array:
-        """Position, velocity and acceleration (3, R, n) behind the gears: phi = C q."""
-        return at_drives(self.robot.transmission, self.joint)
-
-    @derived("robot", "ratio", "motor", "joint")
-    def apart(self) -> Array:
-        """Angles (R, n) of the motors behind the gears less those of the joints."""
-        # The stretch of the spring in (3) over r_L: r_M / (N r_L) theta_M - theta_L.
-        return np.asarray(self.motor[0] / self.lever - self.turned[0])
-
-    @derived("robot", "ratio")
-    def lever(self) -> Array:
-        """N r_L / r_M (n,), positive: the torque on the load per torque of the motor."""
-        drives = self.robot.drives.values()
-        return np.asarray(self.ratio * [drive.load_radius / drive.motor_radius for drive in drives])
-
-    @derived("robot")
-    def is_unscaled(self) -> BoolArray:
-        """Whether the effort (n,) of a motor is not its torque, by a constant that is unknown."""
-        drives = self.robot.drives.values()
-        unknown = [MOTOR_CONSTANTS.get(x.motor_input, "") not in ("", *x.known) for x in drives]
-        return np.array(unknown)
-
-    @derived(*_OF_TORQUES)
-    def constants(self) -> Array:
-        """Torque (n,) of a motor per effort: an unknown one is that by which bodies explain most.
-
-        It is positive. Where the log does not show it the torque is as large as that of the bodies;
-        without these it is nominal, or 1. A torque sensor is used in place of an unknown one, NaN.
-        """
-        drives = self.robot.drives.values()
-        known = [x.values.get(MOTOR_CONSTANTS.get(x.motor_input, ""), 1.0) for x in drives]
-        constants = np.where(self.is_unscaled & np.isfinite(self.sensed[0]), np.nan, known)
-        unknown = self.is_unscaled & np.isfinite(constants) & self.robot.base_is_held
-        unscaled = np.flatnonzero(unknown).tolist()
-        for j in unscaled if unscaled and np.all(np.isfinite(self.bodies)) else ():
-            # (7) into (4b): N r_L / r_M K i is the torque of the load, of the rotor and of friction
-            load = self.of_file[:, j] + self.lever[j] * self.inertia[j] * self.motor[2][:, j]
-            columns = np.column_stack([load, self._any_friction(j, not self.inertia[j])])
-            rows, effort = self._moving[:, j], self.lever[j] * self.effort[:, j]
-            if np.sum(rows) > 3 * columns.shape[1] and np.std(effort) > 0:
-                x, covariance = fitted(columns[rows], effort[rows])
-                is_shown = abs(x[0]) > tol.SURE * math.sqrt(covariance[0, 0])
-                constants[j] = 1 / abs(x[0]) if is_shown else np.std(load) / np.std(effort)
-        return constants
-
-    @property
-    def torque(self) -> Array:
-        """The torque (R, n) of motors, NaN without a sensor or a constant."""
-        return np.asarray(self.constants * self.effort)
-
-    @property
-    def torque_rate(self) -> Array:
-        """The derivative (R, n) of the torque of motors."""
-        return np.asarray(self.constants * self.effort_rate)
-
-    @derived(*_OF_TORQUES)
-    def target(self) -> Array:
-        """Torque on the load (R, n): sensed, or of the motor without that on its rotor."""
-        # (7) into (4b) without friction: tau_L = N r_L / r_M (tau_M - I_M theta_M'').
-        of_motor = self.lever * (self.torque - self.rotor * self.motor[2])
-        return np.asarray(np.where(np.isnan(self.torque), self.sensed, of_motor))
-
-    @derived(*_OF_TORQUES)
-    def rotor(self) -> Array:
-        """Inertia (n,) of the rotors: a known one, or that by the motor equation (7) of a spring.
-
-        The torque on a rotor whose inertia is taken as zero looks like that of bodies. A negative
-        inertia comes from a mistake in the channels and is none.
-        """
-        inertia = self.inertia.copy()
-        for j in map(self.robot.index, self.robot.elastic_joints):
-            if not inertia[j] and np.any(moving(self.motor[1][:, j])):
-                rows, y, others = self._of_spring(j)
-                # any delay of the torque, stiffness and friction; the rotor comes last
-                columns = np.column_stack([self.torque_rate[:, j], self.apart[:, j], others])
-                is_known = np.all(np.isfinite(self.torque[:, j]))
-                if is_known and np.sum(rows) > 3 * columns.shape[1]:
-                    inertia[j] = max(float(fitted(columns[rows], y[rows])[0][-1]), 0.0)
-        return inertia
-
-    @derived(*_OF_TORQUES)
-    def _torque_sizes(self) -> Array:
-        """Standard deviations (n,) of `target`, by which misfits and noise are measured."""
-        # joint by joint: the mean of a constant torque over several columns is rounded
-        return np.asarray(np.std(np.ascontiguousarray(self.target.T), axis=1))
-
-    @derived(*_OF_TORQUES)
-    def used(self) -> list[int]:
-        """Joints with a torque that changes."""
-        return np.flatnonzero(self._torque_sizes > 0).tolist()
+class Experiment(Instants):
+    """Instants, and what bodies explain of their torques next to any friction and springs."""
 
     @cached_property
     def doubted(self) -> list[int]:
@@ -365,20 +105,7 @@ class Experiment:
         """Whether torques can be compared with those of bodies in the robot file."""
         return bool(self.on_bodies) and bool(np.all(np.isfinite(self.bodies)))
 
-    @derived("robot", "joint")
-    def regressor(self) -> Array:
-        """The regressor (R, n, 10n) of the rigid bodies."""
-        return regressor_at_drives(self.robot, *self.joint)
-
-    @derived("motor", "direction")
-    def friction(self) -> Array:
-        """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant."""
-        ones = np.ones_like(self.direction)
-        # The speed over its largest value, from -1 to 1: as large as the sign, and without a unit.
-        scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), tol.LEAST)
-        return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
-
-    @derived(*_OF_TORQUES, "acting")
+    @derived(*OF_TORQUES, "acting")
     def loads(self) -> Array:
         """Columns (n, R, k) of what acts on the load of each joint next to bodies: friction first.
 
@@ -396,7 +123,7 @@ class Experiment:
         rotors = (self.acting[1] * self._has_open_rotor * self.motor[2]).T[..., None]
         return np.concatenate([friction, springs, rotors], axis=2)
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def _of_loads(self) -> qr_factor.ScaledSVD:
         """The decomposition of the `loads` of joints at the instants that count."""
         return qr_factor.scaled_svd(self.loads * self.counted.T[..., None], "friction")
@@ -406,15 +133,6 @@ class Experiment:
         """The base parameters of all bodies, known ones included."""
         robot = replace(self.robot, known_bodies=(), at_rest=FrozenMapping({}, "joint"))
         return base_parameters(robot)
-
-    @derived("robot", "joint", "bodies")
-    def of_file(self) -> Array:
-        """The torques (R, n) of the bodies of the robot file and the payloads."""
-        robot, masses = self.robot, self.bodies[::10]
-        # Those of the model by recursion, in O(n) where the regressor has O(n^2) numbers.
-        if np.array_equal(robot.parameters + robot.payload_parameters, self.bodies) and all(masses):
-            return torques_at_drives(robot.transmission, joint_torques(robot, *self.joint))
-        return np.asarray(self.regressor @ self.bodies)
 
     def scale(self, j: int) -> TorqueScale:
         """Return the torque of joint j as a multiple of that of the bodies.
@@ -431,12 +149,12 @@ class Experiment:
         y = self.sensed[:, j] if np.all(np.isnan(y)) else y
         rows = self.counted[:, j]
         H, y = np.column_stack(columns)[rows], y[rows]
-        x, covariance = fitted(H, y)
+        x, covariance = fitted([H], y)
         unexplained = float(np.std(y - H @ x) / max(float(np.std(y)), tol.LEAST))
         rotor = float(x[-1] / self.inertia[j]) if has_rotor and self.inertia[j] else math.nan
         return TorqueScale(float(x[0]), math.sqrt(covariance[0, 0]), rotor, unexplained)
 
-    @derived(*_SIGNALS, "bodies")
+    @derived(*SIGNALS, "bodies")
     def scales(self) -> dict[int, TorqueScale]:
         """The scale of each used joint whose constant is known, none without bodies."""
         scaled = (j for j in self.on_bodies if not self.is_unscaled[j])
@@ -453,12 +171,12 @@ class Experiment:
         """The base columns (n, R, p) of the regressor, with all that it shows of bodies."""
         return np.ascontiguousarray(self.base.reduce(self.regressor).swapaxes(0, 1))
 
-    @derived(*_OF_TORQUES)
+    @derived(*OF_TORQUES)
     def _rates(self) -> Array:
         """The rates (n, R) of motor torques, zero for others: a torque may be late by any time."""
         return np.where(np.all(np.isfinite(self.torque_rate), axis=0), self.torque_rate, 0.0).T
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def _factors(self) -> Array:
         """Triangular factors (u, m, p + 2) of the used joints, without their `loads`.
 
@@ -488,7 +206,7 @@ class Experiment:
         """Misfit (n,) of any bodies with any friction."""
         return self._over_torques(self._left_by_any)
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def predicted(self) -> Array:
         """Misfit (n,) of any bodies with any friction in blocks that were excluded from their fit.
 
@@ -502,7 +220,7 @@ class Experiment:
             residual[:, inside] = others._left_by_any[:, inside]
         return self._over_torques(residual)
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def _left_by_any(self) -> Array:
         """Residuals (n, R) of used joints next to any bodies with any friction."""
         used, torques = self.on_bodies, np.zeros_like(self.target.T)
@@ -555,7 +273,7 @@ class Experiment:
         misfit[used] = np.sqrt(squares / np.sum(self.counted, axis=0)[used]) / sizes
         return misfit
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def _rows_per_independent(self) -> Array:
         """Rows (n,) per independent one, by the correlation of what any bodies leave."""
         per_row = np.full(self.robot.n, tol.CORRELATED_ROWS)
@@ -564,7 +282,7 @@ class Experiment:
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows))
         return per_row
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def of_motors(self) -> Array:
         """Misfit (n,) of the motor equation (7) with any spring and friction, or of (4b)."""
         misfit = np.full(self.robot.n, np.nan)
@@ -578,29 +296,17 @@ class Experiment:
             misfit[j] = self._of_spring_law(j, y, np.column_stack([*columns, self.apart[:, j]]))
         return misfit
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def of_encoders(self) -> Array:
         """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
-        misfit = np.full(self.robot.n, np.nan)
+        misfit, constant = np.full(self.robot.n, np.nan), np.ones_like(self.direction[:, :1])
         for j in np.flatnonzero(self.both).tolist():
-            apart = qr_factor.residual_of(self.apart[:, j], with_constant(self.deflection(j)))
+            columns = np.hstack([constant, self.deflection(j)])
+            apart = qr_factor.residual_of(self.apart[:, j], columns)
             misfit[j] = float(np.std(apart)) / max(float(np.std(self.turned[0][:, j])), tol.LEAST)
         return misfit
 
-    def deflection(self, j: int) -> Array:
-        """Return columns (R, k) of the deflection of a spring, none of a stiff joint j.
-
-        It is by the torque of its motor but for friction.
-        """
-        columns = np.column_stack([self.friction[j][:, :2], self.target[:, j]])
-        return columns if j in self._elastic else columns[:, :0]
-
-    @derived("effort", "sensed")
-    def has_both_torques(self) -> BoolArray:
-        """Whether the torques (n,) of the motor and of a sensor behind it were logged."""
-        return np.asarray(np.all(np.isfinite(self.torque) & np.isfinite(self.sensed), axis=0))
-
-    @derived(*_OF_TORQUES)
+    @derived(*OF_TORQUES)
     def of_sensors(self) -> Array:
         """Misfit (n,) between the torques of motor and sensor, but for friction."""
         misfit = np.full(self.robot.n, np.nan)
@@ -620,8 +326,8 @@ class Experiment:
         scales = {}
         for j in np.flatnonzero(self.has_both_torques).tolist():
             target, sensed, columns = self._of_sensor(j)
-            x, covariance = fitted(np.column_stack([target, columns]), sensed)
-            inverse = fitted(np.column_stack([sensed, columns]), target)[0][0]
+            x, covariance = fitted([target, columns], sensed)
+            inverse = fitted([sensed, columns], target)[0][0]
             if x[0] * inverse > 0:
                 slope = math.copysign(math.sqrt(x[0] / inverse), x[0])
                 error = math.hypot(math.sqrt(covariance[0, 0]), (1 / inverse - x[0]) / 2)
@@ -637,81 +343,6 @@ class Experiment:
         grows = np.abs(self.sensed[:, j]) * self.direction[:, j]
         columns = [self._any_friction(j, bool(self._has_open_rotor[j])), grows]
         return self.target[rows, j], self.sensed[rows, j], np.column_stack(columns)[rows]
-
-    @derived("robot")
-    def _is_open(self) -> BoolArray:
-        """Whether the rotor inertia (n,) of a drive is unknown, or the drive itself."""
-        drives = self.robot.drives.values()
-        unknown = [x.motor_inertia_kg_m2 is None or x == IDEAL_DRIVE for x in drives]
-        return np.array(unknown, dtype=bool)
-
-    @derived(*_OF_TORQUES)
-    def _has_open_rotor(self) -> BoolArray:
-        """Whether the known motor torque (n,) of a stiff joint turns a rotor of any inertia."""
-        is_stiff = ~np.isin(np.arange(self.robot.n), self._elastic)
-        return np.asarray(self._is_open & np.isfinite(self.torque[0]) & is_stiff)
-
-    def encoder_slope(self, j: int) -> tuple[float, float]:
-        """Return the motor angle per joint angle over the gear ratio, and what it leaves.
-
-        The deflection of a spring is none of it, nor are the zeros of each log. What is left is a
-        part (rms) of the motion.
-        """
-        zeros, joint = np.equal.outer(self.log, np.unique(self.log)), self.turned[0][:, j]
-        motor, columns = self.motor[0][:, j] / self.lever[j], [joint, zeros, self.deflection(j)]
-        H = np.column_stack(columns)
-        x = qr_factor.scaled_svd(H).solve(motor)
-        return float(x[0]), float(np.std(motor - H @ x)) / max(float(np.std(joint)), tol.LEAST)
-
-    def encoder_ratio(self, j: int) -> tuple[float, float]:
-        """Return the gear ratio between both encoders and its standard error, NaN if none is shown.
-
-        Of a spring joint it is that of the motor equation (7), tau - I w' = friction + a theta_M -
-        b theta_L with N = b/a r_L/r_M, or of the torque sensor and (4b); of others that of the
-        angles alone, whose error is not over the root of the number of rows: errors of a gear do
-        not average out.
-        """
-        motor, joint, given = self.motor[0][:, j], self.turned[0][:, j], float(self.ratio[j])
-        if not self.both[j] or stands_locked(self.lever[j] * joint, motor):
-            return math.nan, math.nan
-        if self.robot.joint_names[j] not in self.robot.elastic_joints:
-            slope, error = self.encoder_slope(j)
-            return given * slope, given * error
-        rows, y, others = self._of_spring(j)
-        zeros = np.equal.outer(self.log, np.unique(self.log)[1:])  # `others` have the first one
-        columns = np.column_stack([motor / self.lever[j], joint, others, zeros])
-        if np.sum(rows) <= 3 * columns.shape[1]:
-            return math.nan, math.nan
-        slope, error = qr_factor.fitted_slope(columns[rows], y[rows], tol.CORRELATED_ERRORS)
-        return given * slope, given * error
-
-    def _of_spring(self, j: int) -> tuple[BoolArray, Array, Array]:
-        """Return the rows (R,), torque (R,) and columns (R, k), without the angles, of a spring.
-
-        They are those of (7) with the motor torque, else of (4b) with the torque sensor. A joint
-        without any torque has no rows.
-        """
-        sensed = self.sensed[:, j]
-        if np.all(np.isfinite(self.torque[:, j])):
-            columns = self._any_friction(j, has_rotor=not self.inertia[j])
-            of_spring = self.torque[:, j] - self.inertia[j] * self.motor[2][:, j]
-            return self._moving[:, j], of_spring, columns
-        return np.isfinite(sensed), np.nan_to_num(sensed), np.ones((len(sensed), 1))
-
-    @cached_property
-    def _moving(self) -> BoolArray:
-        # Where the mean sign of the speed behind the low pass is less, a motor may have stuck:
-        # friction then changes before the motion does, like an early torque.
-        return np.asarray(np.abs(self.direction) > 1 - tol.FEW)
-
-    def _any_friction(self, j: int, has_rotor: bool) -> Array:
-        """Return columns (R, k) of friction, of which one changes gradually near reversals.
-
-        The rotor has a column if its inertia is unknown.
-        """
-        gradual = np.tanh(self.friction[j][:, 0] / tol.POOR)  # of the speed, which is up to 1
-        rotor = [self.motor[2][:, j]] if has_rotor else []
-        return np.column_stack([self.friction[j], gradual, *rotor])
 
     @cached_property
     def misfits(self) -> dict[str, Array]:
@@ -767,7 +398,7 @@ class Experiment:
         """Independent rows (n,) of each joint, by the correlation of what any bodies leave."""
         return len(self.target) / self._rows_per_independent
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def _noise(self) -> Array:
         """Standard deviation (u, 1, 1) of a torque that is no error of bodies, per independent row.
 
@@ -778,7 +409,7 @@ class Experiment:
         noise = np.maximum(misfit, tol.FEW) * np.sqrt(per_row) * self._torque_sizes
         return noise[self.on_bodies, None, None]
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def _nuisances(self) -> Array:
         """Orthonormal columns (u, R, k) of each used joint: what a torque has besides bodies."""
         columns = np.concatenate([self.loads, self._rates[..., None]], axis=2)[self.on_bodies]
@@ -791,7 +422,7 @@ class Experiment:
         columns = (columns - Q @ (Q.swapaxes(1, 2) @ columns)) / self._noise
         return columns.reshape(-1, *torques.shape[2:])
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def _seen(self) -> Array:
         """The triangular factor (p + 1, p + 1) of base columns and torque, `over_noise`."""
         bodies, rates = self._factors[..., :-1], self._factors[..., -1:]
@@ -799,7 +430,7 @@ class Experiment:
         R = (bodies - rates @ (rates.swapaxes(1, 2) @ bodies)) / self._noise
         return qr_factor.triangle(R.reshape(-1, R.shape[2]))
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def _effects(self) -> list[tuple[Array, Array]]:
         """Base parameters (p, k) of `common` errors, and of those of the file next to these.
 
@@ -819,7 +450,7 @@ class Experiment:
             effects.append((W @ V[:, kept] / sizes, sizes))
         return effects
 
-    @derived(*_SIGNALS)
+    @derived(*SIGNALS)
     def _rows(self) -> Array:
         """The base columns (u R, p) `over_noise`."""
         return self.over_noise(self.columns.swapaxes(0, 1))
@@ -892,10 +523,6 @@ class Experiment:
         few = np.sum(shown, axis=0) < tol.FEWEST_INSTANTS
         return self.with_changes(counted=np.where(few, self.counted, shown))
 
-    @derived(*_OF_TORQUES)
-    def _elastic(self) -> list[int]:
-        return [j for j in map(self.robot.index, self.robot.elastic_joints) if j in self.used]
-
     def _of_spring_law(self, j: int, y: Array, columns: Array) -> float:
         """Return the misfit of y (R,) by columns (R, k), the last one of a spring.
 
@@ -931,16 +558,81 @@ class Experiment:
         return float(np.nansum(rows * np.log(squares))) / 2
 
 
-def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
-    """Return the parameters of `fitted_columns`, and their covariance, at instants far apart."""
-    return qr_factor.fitted_columns(columns, y, tol.CORRELATED_ERRORS, count)
+def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experiment:
+    """Return the experiment of a fixed base with the torques of some joints only."""
+    kept = np.isin(experiment.robot.joint_names, [*joints])
+    if np.all(kept) or not experiment.robot.base_is_held:
+        return experiment
+    return experiment.with_channels("ts", lambda torque: np.where(kept, torque, np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class Transform:
+    """A possible mistake: the experiment `changed` to be without it, and its finding.
+
+    `penalty` is subtracted from the gain of the log likelihood: the number of fitted values, as
+    Akaike counts them, or less than one for what is unusual. `channels`: q, m, t and s that it
+    multiplies. `sources` are what changes in the description of the log; its lines stand before the
+    remedy of the finding. `log` is the number of the log, from 0, of a mistake that the others do
+    not have.
+    """
+
+    finding: Finding
+    changed: Experiment
+    penalty: float = 0.0
+    channels: str = ""
+    sources: Entries = field(default_factory=dict)
+    log: int | None = None
+
+    @property
+    def lines(self) -> str:
+        """The whole remedy as text."""
+        log = "the log" if self.log is None else f"log {self.log + 1}"
+        described = in_description(self.sources, log) if self.sources else ""
+        return "\n".join(filter(None, [described, self.finding.remedy]))
+
+
+def multiplied(
+    code: Code,
+    case: str,
+    experiment: Experiment,
+    factors: Mapping[int, float],
+    channels: str,
+    evidence: Mapping[str, Any] = FrozenMapping({}),
+    penalty: float = 0.0,
+    **more: Any,
+) -> Transform:
+    """Return the transform that multiplies logged channels (q, m, t, s) of joints by factors.
+
+    Its finding is a case of a code, whose sentence begins with the subject.
+    """
+    names = experiment.robot.joint_names
+    entries = {names[j]: experiment.entries(j, channels, factor=x) for j, x in factors.items()}
+    words = {"subject": experiment.subject([*factors], channels), **evidence}
+    finding = code.finding(case, only_joint([*entries]), words, **more)
+    return Transform(finding, experiment.scaled(factors, channels), penalty, channels, entries)
+
+
+_USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)
+"""Factors by which units, prefixes and ratios are often wrong; see `near`."""
+
+
+def near(factor: float, *others: float) -> list[float]:
+    """Return a factor, and the usual ones within a fifth of it: mistakes are often round."""
+    usual = [*_USUAL, *others, *(1 / x for x in (*_USUAL, *others))]
+    return [*(x for x in usual if abs(math.log(factor / x)) < 2 * tol.POOR), factor]
 
 
 Change = Callable[[Experiment, float], Experiment]
 """The experiment with another value of its set-up; 0 changes nothing, and changes add up."""
 
-STEP, MOST_STEPS = 1e-3, 8
-"""Step of a difference quotient, and steps of a search."""
+STEP = 1e-3
+"""Step of a difference quotient."""
+
+
+def scaling(joints: Sequence[int], channels: str) -> Change:
+    """Return the change by a factor on channels of joints, whose value is its logarithm."""
+    return lambda x, value: x.scaled(dict.fromkeys(joints, math.exp(value)), channels)
 
 
 def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tuple[float, float]:
@@ -1010,171 +702,3 @@ def best_factors(
     if abs(log_factor) > max(smallest, least * error):
         fitted = math.exp(log_factor)
         yield from ((factor, error, float(factor == fitted)) for factor in near(fitted))
-
-
-_SCALES = 60
-"""Widths of the bodies of a robot file that are compared, see `file_cost`."""
-
-
-def stands_locked(joint: Array, motor: Array) -> bool:
-    """Return whether a joint stands still while its motor moves, both (T,) at the same side."""
-    return bool(np.ptp(joint) < tol.HARDLY * np.ptp(motor))
-
-
-def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
-    """Return the experiment at `INSTANTS` instants of the motions of each log."""
-    windows = [*_windows(logs)]
-    parts = [_sampled(robot, window, max(1, INSTANTS // len(windows))) for _, window in windows]
-    signals = {name: np.concatenate([x[name] for x in parts], axis=-2) for name in parts[0]}
-    drives, motor = robot.drives.values(), signals["motor"][0]
-    ratio = np.array([drive.ratio for drive in drives])
-    apart = motor - ratio * at_drives(robot.transmission, signals["joint"][0])
-    bodies = robot.parameters + robot.payload_parameters
-    return Experiment(
-        robot,
-        np.repeat([number for number, _ in windows], [len(part["effort"]) for part in parts]),
-        rate_hz=logs[0][0].rate_hz,
-        # A side without an encoder was computed from the other one, and differs by rounding only.
-        both=np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor, axis=0),
-        ratio=ratio,
-        inertia=np.array([drive.values.get("motor_inertia", 0.0) for drive in drives]),
-        sprung=np.array(["linear" in drive.parallel_spring for drive in drives]),
-        # a robot file may have no inertias
-        bodies=bodies if np.any(robot.parameters) else np.full_like(bodies, np.nan),
-        sources=tuple(map(sources_of, logs)),
-        counted=np.ones(signals["effort"].shape, dtype=bool),
-        acting=np.ones((2, robot.n), dtype=bool),
-        has_wrenches=any(x.base and x.base.wrenches for x in chain.from_iterable(logs)),
-        **signals,
-    )
-
-
-def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experiment:
-    """Return the experiment of a fixed base with the torques of some joints only."""
-    kept = np.isin(experiment.robot.joint_names, [*joints])
-    if np.all(kept) or not experiment.robot.base_is_held:
-        return experiment
-    return experiment.with_channels("ts", lambda torque: np.where(kept, torque, np.nan))
-
-
-def _windows(logs: Sequence[Sequence[Motion]]) -> Iterator[tuple[int, Motion]]:
-    """Yield the number of each log with each of its motions, or with windows of a long one."""
-    for number, motion in ((k, motion) for k, motions in enumerate(logs) for motion in motions):
-        count = len(motion.time)
-        # The low pass takes a transient at both ends of a window: two thirds of it remain, or more.
-        size = max(_WINDOW_SAMPLES, round(6 * motion.transient_s * motion.rate_hz))
-        if count <= _WINDOWS * size:
-            yield number, motion
-            continue
-        for start in np.linspace(0, count - size, _WINDOWS).astype(int).tolist():
-            yield number, motion.samples(slice(start, start + size))
-
-
-def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
-    """Return the signals of an experiment, by name, at not many more than `most` instants."""
-    rows = row_samples(motion)
-    # (T,) samples -> at most about `most` rows, evenly over the motion.
-    rows = rows[:: max(1, math.ceil(len(rows) / most))]
-
-    def filtered(signal: Array, samples: IndexArray = rows) -> Array:
-        # A column is NaN at all samples, without its sensor, or at none (`Log`).
-        known = in_band_at(motion, np.nan_to_num(signal), samples)
-        return np.where(np.isnan(signal[0]), np.nan, known)
-
-    of_motors = np.full(motion.motor_position.shape, np.nan)
-    for j, drive in enumerate(robot.drives.values()):
-        channel = getattr(motion, INPUT_FIELDS[drive.motor_input])
-        if channel is not None and not drive.is_up_to_scale:
-            of_motors[:, j] = channel[:, j]
-    # At all samples, because the derivative needs the neighbours of a row.
-    effort = filtered(of_motors, np.arange(len(of_motors)))
-    motor = motion.motor_position, motion.motor_velocity, motion.motor_acceleration
-    return {
-        "time": motion.time[rows, None],
-        "motor": np.stack([*map(filtered, motor)]),
-        "joint": np.stack([*map(filtered, motion.joint_states)]),
-        "direction": filtered(np.sign(motion.motor_velocity)),
-        "effort": effort[rows],
-        "effort_rate": np.gradient(effort, motion.time, axis=0)[rows],
-        "sensed": filtered(torques_at_drives(robot.transmission, motion.joint_torque)),
-    }
-
-
-@dataclass(frozen=True, eq=False)
-class Transform:
-    """A possible mistake: the experiment `changed` to be without it, and its finding.
-
-    `penalty` is subtracted from the gain of the log likelihood: the number of fitted values, as
-    Akaike counts them, or less than one for what is unusual. `channels`: q, m, t and s that it
-    multiplies. `sources` are what changes in the description of the log; its lines stand before the
-    remedy of the finding. `log` is the number of the log, from 0, of a mistake that the others do
-    not have.
-    """
-
-    finding: Finding
-    changed: Experiment
-    penalty: float = 0.0
-    channels: str = ""
-    sources: Entries = field(default_factory=dict)
-    log: int | None = None
-
-    @property
-    def lines(self) -> str:
-        """The whole remedy as text."""
-        log = "the log" if self.log is None else f"log {self.log + 1}"
-        described = in_description(self.sources, log) if self.sources else ""
-        return "\n".join(filter(None, [described, self.finding.remedy]))
-
-
-def multiplied(
-    code: Code,
-    case: str,
-    experiment: Experiment,
-    factors: Mapping[int, float],
-    channels: str,
-    evidence: Mapping[str, Any] = FrozenMapping({}),
-    penalty: float = 0.0,
-    **more: Any,
-) -> Transform:
-    """Return the transform that multiplies logged channels (q, m, t, s) of joints by factors.
-
-    Its finding is a case of a code, whose sentence begins with the `subject`.
-    """
-    names = experiment.robot.joint_names
-    entries = {names[j]: experiment.entries(j, channels, factor=x) for j, x in factors.items()}
-    words = {"subject": subject(experiment, [*factors], channels), **evidence}
-    finding = code.finding(case, only_joint([*entries]), words, **more)
-    return Transform(finding, scaled(experiment, factors, channels), penalty, channels, entries)
-
-
-def subject(experiment: Experiment, joints: Sequence[int], channels: str) -> str:
-    """Return the words for logged channels of joints, with which a sentence about them begins."""
-    quantities = experiment.logged(joints[0], channels)
-    words = listed([f"{quantity.replace('_', ' ')}s" for quantity in quantities])
-    is_whole = len(joints) > 1 and {*experiment.used} <= {*joints}
-    names = [experiment.robot.joint_names[j] for j in joints]
-    return f"the {words} of {'all joints' if is_whole else listed(names)}"
-
-
-_USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)
-"""Factors by which units, prefixes and ratios are often wrong; see `near`."""
-
-
-def with_constant(*columns: Array) -> Array:
-    """Return columns (R, ...) next to a constant."""
-    return np.column_stack([np.ones(len(columns[0])), *columns])
-
-
-def near(factor: float, *others: float) -> list[float]:
-    """Return a factor, and the usual ones within a fifth of it: mistakes are often round."""
-    usual = [*_USUAL, *others, *(1 / x for x in (*_USUAL, *others))]
-    return [*(x for x in usual if abs(math.log(factor / x)) < 2 * tol.POOR), factor]
-
-
-def scaled(experiment: Experiment, factors: Mapping[int, float], channels: str) -> Experiment:
-    """Return the experiment with channels (q, m, t, s) of joints times their factors."""
-    factor = np.array([factors.get(j, 1.0) for j in range(experiment.robot.n)])
-    changed = experiment.with_channels(channels, lambda values: values * factor)
-    # `with_channels` has multiplied the direction by the whole factor, of which it has the sign.
-    direction = experiment.direction * np.sign(factor)
-    return changed.with_changes(direction=direction) if "m" in channels else changed

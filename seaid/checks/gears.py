@@ -23,17 +23,8 @@ from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES
 from seaid.checks.engine import Acceptance
-from seaid.checks.experiment import (
-    MOST_STEPS,
-    Experiment,
-    Transform,
-    best_factors,
-    fitted,
-    multiplied,
-    near,
-    subject,
-    with_constant,
-)
+from seaid.checks.experiment import Experiment, Transform, best_factors, multiplied, near
+from seaid.checks.instants import MOST_STEPS, fitted
 from seaid.checks.terms import DriveRows
 from seaid.checks.values import POSITIVE
 from seaid.drives import IDEAL_DRIVE, AngleRatio
@@ -46,8 +37,7 @@ from seaid.log import Motion, low_pass
 from seaid.log.description import changed_source, moved_zeros
 from seaid.log.motion import POSITION_BAND
 from seaid.log.repair import channels
-from seaid.regressor.base import regressor_at_drives
-from seaid.regressor.regression import INPUT_FIELDS
+from seaid.regressor.base import INPUT_FIELDS, regressor_at_drives
 
 # In a fit, as columns next to its equations
 
@@ -294,7 +284,7 @@ def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
 def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
     """Return how often (k,) a motor turns with `joints`, beyond its drive, per turn of each."""
     # theta_M / lever - phi_j = sum_i a_i q_i + c + deflection: the motor turns a_i times with i.
-    H = np.column_stack([experiment.joint[0][:, joints], with_constant(experiment.deflection(j))])
+    H = [experiment.joint[0][:, joints], np.ones_like(experiment.time), experiment.deflection(j)]
     x, covariance = fitted(H, experiment.apart[:, j])
     errors = np.sqrt(np.diag(covariance))
     rounded = np.round(x / tol.SLIGHT) * tol.SLIGHT
@@ -375,7 +365,7 @@ def _against_another_link(
     motor = changed.motor if "m" in channels else experiment.motor
     changed = changed.with_changes(motor=motor, direction=np.sign(motor[1]))
     added = f"{'minus' if sign < 0 else 'plus'} the angle of {mover}"
-    words = {"measured": subject(experiment, (j,), channels), "added": added}
+    words = {"measured": experiment.subject((j,), channels), "added": added}
     finding = CODES["coupled-joints"].finding("absolute", joint, words)
     return Transform(finding, changed, penalty=1.0)
 
@@ -443,7 +433,7 @@ def _springs(experiment: Experiment) -> Iterator[tuple[int, _Spring]]:
         of_motion = [experiment.turned[0][:, j], experiment.motor[2][:, j], zeros]
         columns, apart = np.column_stack([*of_spring, *of_motion]), experiment.apart[:, j]
         rows = experiment.counted[:, j]
-        x, covariance = fitted(columns[rows], apart[rows])
+        x, covariance = fitted([columns[rows]], apart[rows])
         without, left = residual_of(apart[rows], columns[rows, 1:]), (apart - columns @ x)[rows]
         if x[0] > 0:
             explained = 1 - float(left @ left) / max(float(without @ without), tol.LEAST)
@@ -497,14 +487,14 @@ def _varied(q: Array, apart: Array, deflection: Array) -> tuple[Array, Array]:
 
     That is e q + c cos q + s sin q + deflection.
     """
-    columns, kept = [q, np.cos(q), np.sin(q)], slice(-3, None)
+    columns, kept = [np.ones_like(q), q, np.cos(q), np.sin(q)], slice(-3, None)
     if not deflection.size:
-        x, covariance = fitted(with_constant(*columns), apart)
+        x, covariance = fitted(columns, apart)
         return x[kept], covariance[kept, kept]
     # The noise is in the torque of the spring, the last column of its deflection, and not in the
     # angles of the encoders: k (apart - e q - ...) = torque + friction.
-    x, covariance = fitted(with_constant(apart, deflection[:, :-1], *columns), deflection[:, -1])
-    return -x[kept] / x[1], covariance[kept, kept] / x[1] ** 2
+    x, covariance = fitted([apart, deflection[:, :-1], *columns], deflection[:, -1])
+    return -x[kept] / x[0], covariance[kept, kept] / x[0] ** 2
 
 
 # In a fit, too: delays, and zeros of encoders

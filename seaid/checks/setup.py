@@ -36,8 +36,7 @@ from seaid.checks.experiment import (
     best_value,
     multiplied,
     near,
-    scaled,
-    subject,
+    scaling,
     with_torques_of,
 )
 from seaid.errors import Finding, listed
@@ -430,7 +429,7 @@ def _position_scales(experiment: Experiment) -> Iterator[Transform]:
     """
     alone = [j for j in experiment.used if not experiment.both[j]]
     for joints in dict.fromkeys([*((j,) for j in alone), tuple(alone)]) if alone else ():
-        for factor, error, penalty in best_factors(experiment, partial(_rescaled, joints, "qm")):
+        for factor, error, penalty in best_factors(experiment, scaling(joints, "qm")):
             evidence = {"standard error": error / factor, "times": _off_by(1 / factor, error)}
             of_joints = experiment, dict.fromkeys(joints, factor), "qm"
             yield multiplied(CODES["unit"], "scaled", *of_joints, evidence, penalty)
@@ -462,8 +461,8 @@ def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
         if is_reversed_only or not rounding < abs(slope) < 1 / rounding:
             continue
         # those of the bodies of all joints suggest another factor
-        near_one = scaled(experiment, {j: 1 / slope}, "t")
-        log_factor, error = best_value(near_one, partial(_rescaled, [j], "t"))
+        near_one = experiment.scaled({j: 1 / slope}, "t")
+        log_factor, error = best_value(near_one, scaling([j], "t"))
         slope = float(slope) * math.exp(-log_factor)
         if abs(slope - 1) > tol.SLIGHT:
             scale = _scale(experiment, [j], slope, error)
@@ -521,13 +520,6 @@ def _scale(
     return multiplied(CODES[code], case, *scaled, remedy=remedy, is_worse=is_worse)
 
 
-def _rescaled(
-    joints: Sequence[int], channels: str, experiment: Experiment, log_factor: float
-) -> Experiment:
-    """Return the experiment with a factor on channels of joints, by its logarithm."""
-    return scaled(experiment, dict.fromkeys(joints, math.exp(log_factor)), channels)
-
-
 def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors between the torques of motors and sensors, on either of them.
 
@@ -555,7 +547,7 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     middle, channels = float(np.median(slopes)), _torques(experiment)
     start = -math.log(middle) if middle > 0 else 0.0
     # Known rotors show the factor beyond their own errors, whatever the masses of the file are.
-    log_factor, error = best_value(experiment, partial(_rescaled, used, channels), start)
+    log_factor, error = best_value(experiment, scaling(used, channels), start)
     is_shown = abs(log_factor) > max(tol.POOR, tol.SURE * error)
     factors = {middle: 0.0} | ({math.exp(-log_factor): error} if is_shown else {})
     for factor, known in factors.items():
@@ -615,8 +607,8 @@ def _scale_errors(experiment: Experiment, parts: Mapping[int, float]) -> list[fl
 
     Each has an error of its own, and that of a factor on all, as of masses.
     """
-    right, choices = scaled(experiment, parts, "t"), [[*parts], *([j] for j in parts)]
-    shared, *errors = (best_value(right, partial(_rescaled, x, "t"))[1] for x in choices)
+    right, choices = experiment.scaled(parts, "t"), [[*parts], *([j] for j in parts)]
+    shared, *errors = (best_value(right, scaling(x, "t"))[1] for x in choices)
     return [math.hypot(shared, error) for error in errors]
 
 
@@ -662,7 +654,7 @@ def _behind_gears(experiment: Experiment, joints: Sequence[int], factor: float) 
     effort = np.where(is_behind, np.nan, experiment.effort)
     sensed = np.where(is_behind, experiment.torque, experiment.sensed)
     sources = {names[j]: {"joint_torque": experiment.source(j, "motor_torque")} for j in joints}
-    evidence = {"factor": factor, "subject": subject(experiment, joints, "t")}
+    evidence = {"factor": factor, "subject": experiment.subject(joints, "t")}
     finding = CODES["unit"].finding("behind", codes.only_joint([*sources]), evidence)
     changed = experiment.with_changes(effort=effort, sensed=sensed)
     return Transform(finding, changed, sources=sources)
@@ -753,14 +745,13 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
             stays = sides == "t" or experiment.robot.has_controllers
             factor = _constant(experiment, i) / _constant(experiment, j) if stays else 1.0
             both = experiment.both[order] if {"q", "m"} <= {*sides} else experiment.both
-            changed = experiment.with_changes(both=both).with_channels(
-                sides, partial(np.take, indices=order, axis=-1)
-            )
+            taken = partial(np.take, indices=order, axis=-1)
+            changed = experiment.with_changes(both=both).with_channels(sides, taken)
             sources = {first: _of_other(experiment, j, sides, factor)}
             sources[second] = _of_other(experiment, i, sides, 1 / factor)
             if factor != 1:
-                changed = scaled(changed, {i: factor, j: 1 / factor}, "t")
-            words = {"subject": subject(experiment, (i, j), sides)}
+                changed = changed.scaled({i: factor, j: 1 / factor}, "t")
+            words = {"subject": experiment.subject((i, j), sides)}
             finding = code.finding("channels", first, words, joints=pair)
             yield Transform(finding, changed, sources=sources)
 

@@ -27,7 +27,7 @@ from seaid.estimation.sdp import Program
 from seaid.log import Motion
 from seaid.log.description import Entries
 from seaid.regressor import Regression, motor_regressor
-from seaid.regressor.regression import INPUT_FIELDS
+from seaid.regressor.base import INPUT_FIELDS
 from seaid.robot import Robot, is_physical
 from seaid.robot.inertia import THIN
 

@@ -22,7 +22,7 @@ from seaid.checks.codes import is_wrong, merged
 from seaid.checks.columns import Side
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.engine import guarded
-from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
+from seaid.checks.experiment import Experiment, with_torques_of
 from seaid.checks.model import delays_of, model_findings, selections
 from seaid.checks.setup import log_findings, setup_findings
 from seaid.checks.verdict import Contact, RobotFit
@@ -112,7 +112,7 @@ def check(
     if any(finding.code == "time-unit" for finding in findings):
         return SetupCheck(merged(findings), FrozenMapping({}, "joint"))
     by_log = [list(map(first_motion, x)) for x in datasets_by_log(robot, sources, cutoff_hz)]
-    experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
+    experiment, motions = Experiment.of(robot, by_log), list(chain(*by_log))
     findings = findings_of_setup(experiment, {*robot.joint_names}, findings, in_memory)
     delays: Mapping[str, tuple[float, float]] = {}
     if not is_wrong(findings):

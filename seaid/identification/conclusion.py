@@ -20,7 +20,7 @@ from seaid.checks.codes import consequences, is_wrong
 from seaid.checks.columns import unknown_scales
 from seaid.checks.commands import delay_estimate_findings
 from seaid.checks.engine import guarded
-from seaid.checks.experiment import experiment_of
+from seaid.checks.experiment import Experiment
 from seaid.checks.model import (
     delays_of,
     model_findings,
@@ -140,7 +140,7 @@ def _setup_findings(problem: Problem, name: str) -> list[Finding]:
     findings += problem.notes
 
     def shown_by(robot: Robot) -> list[Finding]:
-        return logs.findings_of(experiment_of(robot, logs.motions_by_log))
+        return logs.findings_of(Experiment.of(robot, logs.motions_by_log))
 
     return without_setup_echoes(findings, mistakes, problem.lacking, case.declared, shown_by)
 

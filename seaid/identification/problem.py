@@ -16,7 +16,7 @@ from itertools import chain
 from typing import Any, Literal
 
 from seaid.checks.channels import locked_outputs
-from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
+from seaid.checks.experiment import Experiment, with_torques_of
 from seaid.checks.model import SideSelection, selections
 from seaid.checks.setup import log_findings
 from seaid.drives import Drive
@@ -192,7 +192,7 @@ class Case(Condition):
         if self.bias is None:
             return self.logs.experiment
         groups = self.logs.motions_by_log
-        return experiment_of(self.declared, [self.bias.removed(group) for group in groups])
+        return Experiment.of(self.declared, [self.bias.removed(group) for group in groups])
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,7 +367,7 @@ def _logs_of(
         locked=checking.mean_positions(robot, motions, locked),
         standing=standing,
         setup_joints=setup_joints,
-        experiment=with_torques_of(experiment_of(robot, motions_by_log), setup_joints),
+        experiment=with_torques_of(Experiment.of(robot, motions_by_log), setup_joints),
         channel_findings=(*findings, *of_base),
     )
 

@@ -50,8 +50,9 @@ from seaid.identification.stacked_fits import (
 )
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, load_regression, motor_regressor
+from seaid.regressor.base import INPUT_FIELDS
 from seaid.regressor.load import LoadModel, load_model_of
-from seaid.regressor.regression import INPUT_FIELDS, Regress, spring_regression, spring_regressor
+from seaid.regressor.regression import Regress, spring_regression, spring_regressor
 from seaid.robot import Robot
 from seaid.robot.robot import check_held
 from seaid.robot.transmission import group_of

@@ -17,9 +17,9 @@ from seaid.identification.drive_estimates import CONSTANTS
 from seaid.identification.result import Fit, Identification, Validation, extension_of
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.log import Motion, in_band
+from seaid.regressor.base import INPUTS
 from seaid.regressor.load import load_side, unknown_frictions, with_gear_torque
 from seaid.regressor.regression import (
-    INPUTS,
     actuator_columns,
     has_deflection,
     known_friction,

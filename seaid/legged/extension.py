@@ -22,8 +22,8 @@ from seaid.checks import CODES, engine
 from seaid.checks.codes import Remedy, is_wrong
 from seaid.checks.columns import Side
 from seaid.checks.engine import observed
-from seaid.checks.experiment import MOST_STEPS
 from seaid.checks.gears import late_channels, late_columns, torque_channel
+from seaid.checks.instants import MOST_STEPS
 from seaid.checks.model import COLUMN_CHECKS, column_checks
 from seaid.checks.predictions import unseen_motion
 from seaid.checks.tolerances import FEW, LEAST_DELAY_S, POOR, RARE, SURE, TWICE

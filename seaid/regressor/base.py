@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen, safely
 from seaid._progress import Result, counted
+from seaid.drives.terms import COMMANDS
 from seaid.errors import ExcitationError, RobotError, SeaidError, Seed, checked
 from seaid.robot import coupled_groups
 from seaid.robot.transmission import rows_at_drives
@@ -42,6 +43,18 @@ _BLOCK = 32
 
 _ROUNDING = 1e-12
 """Grouping coefficients of unit columns below this are rounding errors."""
+
+
+INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M", **dict.fromkeys(COMMANDS, "tau_M")}
+"""{motor input: its signal in the drive's equation}."""
+
+INPUT_FIELDS = {
+    "torque": "motor_torque",
+    "current": "motor_current",
+    "voltage": "motor_voltage",
+    **dict.fromkeys(COMMANDS, "motor_torque"),
+}
+"""Field of a motion with a drive's logged input."""
 
 
 _MEMORY = local()

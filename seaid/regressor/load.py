@@ -22,6 +22,7 @@ from seaid.errors import IdentificationError, LogError
 from seaid.log import row_samples, standstill
 from seaid.log.rows import PIECE_SAMPLES, in_band_at, still_share
 from seaid.regressor.base import (
+    INPUTS,
     Joints,
     Links,
     Stances,
@@ -35,7 +36,6 @@ from seaid.regressor.base import (
     with_independent,
 )
 from seaid.regressor.regression import (
-    INPUTS,
     LEAST_KNOWN,
     Regress,
     Regression,

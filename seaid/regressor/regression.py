@@ -14,14 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, freeze
-from seaid.drives import (
-    COMMANDS,
-    ParameterName,
-    is_dry,
-    motor_equation,
-    spring_equation,
-    total_ratio,
-)
+from seaid.drives import ParameterName, is_dry, motor_equation, spring_equation, total_ratio
 from seaid.drives.equations import joint_equation
 from seaid.drives.regressor import drive_regressor
 from seaid.errors import LogError
@@ -29,6 +22,7 @@ from seaid.log import Motion, row_samples, standstill
 from seaid.log.filtering import is_friction_known, long_rests, moving
 from seaid.log.motion import POSITION_BAND
 from seaid.log.rows import PIECE_SAMPLES, in_band_at, pieces
+from seaid.regressor.base import INPUTS
 from seaid.robot import at_drives, torques_at_drives
 
 if TYPE_CHECKING:
@@ -36,18 +30,6 @@ if TYPE_CHECKING:
     from seaid.drives.regressor import DriveRegressor
     from seaid.log import LongLog
     from seaid.robot import Robot
-
-
-INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M", **dict.fromkeys(COMMANDS, "tau_M")}
-"""{motor input: its signal in the drive's equation}."""
-
-INPUT_FIELDS = {
-    "torque": "motor_torque",
-    "current": "motor_current",
-    "voltage": "motor_voltage",
-    **dict.fromkeys(COMMANDS, "motor_torque"),
-}
-"""Field of a motion with a drive's logged input."""
 
 
 def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:

@@ -3,9 +3,10 @@
 A `Robot` comes in. The visual shapes of its URDF, its joints, lines between them, and inertias as
 ellipsoids are groups of `Shape`s in the frames of its joints. yourdfpy and trimesh read the visual
 shapes; what cannot be shown is a note with a remedy, not an error. A `Stage` has the robot and a
-ghost of it, and poses of the joints' frames move them: no mesh is sent again. Pinocchio's
-`ViserVisualizer` is not used: it loads meshes by path, places each geometry instead of each joint in
-every posture, and has no colours that change with the deflection.
+ghost of it, and poses of the joints' frames move them: no mesh is sent again.
+
+Pinocchio's `ViserVisualizer` is not used: it loads meshes by path, places each geometry instead of
+each joint in every posture, and has no colours that change with the deflection.
 """
 
 from __future__ import annotations

@@ -22,17 +22,9 @@ from seaid._arrays import Array
 from seaid.checks.bodies import _with_length, file_findings
 from seaid.checks.codes import CODES
 from seaid.checks.engine import Check
-from seaid.checks.experiment import (
-    _FIELDS_OF,
-    SHORTLIST,
-    Experiment,
-    Transform,
-    best_value,
-    experiment_of,
-    multiplied,
-    scaled,
-)
+from seaid.checks.experiment import SHORTLIST, Experiment, Transform, best_value, multiplied
 from seaid.checks.gears import linkages, small_springs
+from seaid.checks.instants import _FIELDS_OF, Instants
 from seaid.checks.setup import (
     MISTAKES,
     _all_torque_scales,
@@ -78,7 +70,7 @@ CASES = SPRUNG | {"ur10": (lambda: load_robot("ur10", snap_tolerance_rad=0), gea
 
 
 def experiment(robot: Robot, log: Log) -> Experiment:
-    return experiment_of(robot, [reconstruct_motions(robot, log)])
+    return Experiment.of(robot, [reconstruct_motions(robot, log)])
 
 
 def rough(robot: Robot, seed: int, common: float = 1.0) -> Robot:
@@ -398,7 +390,7 @@ def test_a_mistake_in_one_of_two_logs_is_named_with_its_number(
     robot = rough(CASES[case][0](), 0)
     logs = [CASES[case][1](seed) for seed in (1, 2)]
     wrong = of_joint(logs[1], robot.index(joint), **IN_ONE_LOG[code])
-    both = experiment_of(robot, [reconstruct_motions(robot, log) for log in (logs[0], wrong)])
+    both = Experiment.of(robot, [reconstruct_motions(robot, log) for log in (logs[0], wrong)])
     findings = [x for x in mistakes(both)[0] if x.severity != "note"]
     assert [(x.code, x.joint) for x in findings] == [(code, joint)] * bool(code)
     for finding in findings:
@@ -593,7 +585,7 @@ def test_an_experiment_is_not_changed_by_nothing() -> None:
 
     def change(before: Experiment, value: float) -> Experiment:
         values.append(value)
-        return scaled(before, {0: math.exp(value)}, "t")
+        return before.scaled({0: math.exp(value)}, "t")
 
     best_value(experiment(arm(), arm_log()), change)
     assert values
@@ -779,7 +771,7 @@ def test_a_rotor_of_unknown_inertia_does_not_look_like_bodies(case: str) -> None
     )
     known = experiment(robot, log)
     cutoff_hz = reconstruct_motions(robot, log)[0].cutoff_hz
-    estimated = experiment_of(unknown, [reconstruct_motions(unknown, log, cutoff_hz)])
+    estimated = Experiment.of(unknown, [reconstruct_motions(unknown, log, cutoff_hz)])
     for joint in robot.elastic_joints:
         j = robot.index(joint)
         for misfit in ("nominal", "free", "of_motors"):
@@ -789,10 +781,10 @@ def test_a_rotor_of_unknown_inertia_does_not_look_like_bodies(case: str) -> None
 
 def attributes_read() -> dict[str, set[str]]:
     """Return {method or property: the attributes of the experiment that its source reads}."""
-    (tree,) = ast.parse(inspect.getsource(Experiment)).body
-    assert isinstance(tree, ast.ClassDef)
+    trees = [ast.parse(inspect.getsource(layer)).body[0] for layer in (Instants, Experiment)]
+    parts = [part for tree in trees for part in ast.iter_child_nodes(tree)]
     reads = dict[str, set[str]]()
-    for method in (part for part in tree.body if isinstance(part, ast.FunctionDef)):
+    for method in (part for part in parts if isinstance(part, ast.FunctionDef)):
         nodes = [*ast.walk(method)]
         own = [x for x in nodes if isinstance(x, ast.Attribute) and ast.unparse(x.value) == "self"]
         reads[method.name] = {attribute.attr for attribute in own}

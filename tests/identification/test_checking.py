@@ -8,7 +8,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.checks.experiment import fitted
+from seaid.checks.instants import fitted
 from seaid.estimation.qr_factor import fitted_slope
 from seaid.identification import check
 from tests.mistakes import CASES
@@ -39,7 +39,7 @@ def spring_rows(error_rad: float, seed: int) -> tuple[Array, Array]:
 
 def by_fit_alone(columns: Array, torque: Array) -> tuple[float, float]:
     """Return the slope by the fit alone, and its standard error."""
-    (a, b, _), covariance = fitted(columns, torque)
+    (a, b, _), covariance = fitted([columns], torque)
     slopes = np.array([b / a**2, -1 / a])
     return -b / a, float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
 
