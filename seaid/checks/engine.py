@@ -439,16 +439,20 @@ class Trial:
     alternative: Alternative
 
 
-def best_trial(trials: Iterable[Trial]) -> Trial | None:
-    """Return the best of the supported trials, None without any.
+def _is_supported(trial: Trial) -> bool:
+    """Whether the criterion and the prediction improve and a part of the residual goes.
 
-    Supported are those by which the criterion and the prediction improve and a part of the residual
-    goes, of the rows on which they act: a joint's own part is small among many joints.
+    The part is that of the rows on which it acts: a joint's own part is small among many joints.
     """
-    compared = {trial: trial.comparison for trial in trials if trial.comparison.share > SLIGHT}
+    comparison = trial.comparison
     # A spring deflects far in few blocks only, where it is hard or soft.
-    clear = {x for x in compared if x.candidate.field == "spring" and compared[x].is_clear_in_few}
-    return best_of({x: each for x, each in compared.items() if each.is_better or x in clear})
+    is_clear = trial.candidate.field == "spring" and comparison.is_clear_in_few
+    return comparison.share > SLIGHT and (comparison.is_better or is_clear)
+
+
+def best_trial(trials: Iterable[Trial]) -> Trial | None:
+    """Return the best of the supported trials, None without any."""
+    return best_of({trial: trial.comparison for trial in trials if _is_supported(trial)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -749,11 +753,14 @@ def _accepted(
         before = larger
 
 
-def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[Trial]:
-    """Return the candidates of other checks at the joint of the best one that are as good.
+def _rivals(best: Trial, strong: Iterable[Trial], least_gain: float) -> list[Trial]:
+    """Return the candidates of other causes at the joint of the best one that are as good.
 
-    A criterion that is less than `least_gain` lower does not decide between two causes.
+    A criterion that is less than `least_gain` lower does not decide between two causes. Those of
+    one check are one cause, as terms of friction are; but each law of a spring has a stiffness of
+    its own.
     """
     least, (check, joint) = best.comparison.bic - least_gain, best.candidate.origin
-    others = (x for x in supported if x.candidate.joint == joint and x.candidate.about is not check)
-    return [x for x in others if x.comparison.is_better and x.comparison.bic > least]
+    others = (x for x in strong if x.candidate.joint == joint and x is not best)
+    causes = (x for x in others if x.candidate.about is not check or x.candidate.field == "spring")
+    return [x for x in causes if _is_supported(x) and x.comparison.bic > least]

@@ -497,6 +497,28 @@ def test_damping_is_named_where_it_may_be_a_late_encoder_next_to_friction() -> N
     assert "late against that of its motor" in " ".join(CODES[finding.code].cause.split())
 
 
+def test_laws_of_a_spring_that_is_loaded_on_one_side_are_rivals(tmp_path: Path) -> None:
+    """The log shows that the spring hardens, and not by which power: each has its own stiffness."""
+    body = '<inertial><origin xyz="0.28 0 0"/><mass value="1.8"/>'
+    body += '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial>'
+    joints = {"arm": 'revolute base link <axis xyz="0 1 0"/>'}
+    drive = {"type": "series_elastic", "gear_ratio": 60.0, "stiffness_Nm_per_rad": 180.0}
+    drive |= {"viscous_friction_Nms_per_rad": 1.5e-4, "coulomb_friction_Nm": 0.012}
+    drive |= {"motor_inertia_kg_m2": 2e-5}
+    law = {"spring": ["linear", "fifth"], "fifth_stiffness_Nm_per_rad5": 3.2e7}
+    path = write_robot(tmp_path / "arm.urdf", joints, {"link": body})
+    robot, true = (seaid.load_robot(path, {"arm": drive | x}) for x in ({}, law))
+    noise = Noise(motor_resolution_rad=3e-3, joint_resolution_rad=5e-5, torque_std_Nm=4e-3)
+    log = seaid.simulate(true, wiggle(robot, 8.0, (0.0,), (0.8,)), noise=noise, seed=0)
+    found = identify(robot.without_nominal(), log).warnings
+    (finding,) = (x for x in found if x.severity != "note")
+    assert (finding.code, finding.joint) == ("nonlinear-spring", "arm")
+    assert "'fifth' in its spring" in finding.message
+    assert "'cubic' in its spring" in finding.message
+    assert "load its spring slowly" in finding.remedy
+    assert "spring = [" not in finding.remedy
+
+
 @pytest.mark.parametrize(("torque", "rotor"), quick_only([(2, 1), (0.5, 1), (1, 2)], [(2, 1)]))
 def test_a_known_rotor_is_the_scale_of_the_torque_at_a_spring(torque: float, rotor: float) -> None:
     """Which of the two is wrong no log decides: both are named, and no line is printed."""
