@@ -1,8 +1,9 @@
 """The numbers on which checks decide, each with its unit, its meaning and where it comes from.
 
-No number is chosen on the log of one robot: it follows from statistics, from physics, or from a
-study over simulated robots that its line names. A check has no threshold of its own elsewhere:
-other modules have the sizes of searches, units, and what rounding leaves.
+No number is to be chosen on the log of one robot: it follows from statistics, from physics, or from
+a study over simulated robots that its line names. A line that says "by hand" names the commit that
+chose the number without a study. A check has no threshold of its own elsewhere: other modules have
+the sizes of searches, units, and what rounding leaves.
 """
 
 LEAST = 1e-300
@@ -17,7 +18,7 @@ NEGLIGIBLE = 0.003
 """Error of a torque over its size below which what a model lacks does not matter. The low pass
 leaves 0.22 % of a torque at reversals, at most, in nine logs without noise of the simulated leg and
 arm of the tests; an error of 1 mrad between the encoders is 0.6 to 1.3 % of the torques of that
-leg."""
+leg. No study over more robots chose it: it is by hand (1b587056)."""
 
 NOTHING = 0.9
 """Error of excluded blocks, over that of a constant torque, from which a model is of no use. If it
@@ -44,7 +45,8 @@ rest, and not a message that was lost. Turns with another joint are multiples of
 those of pulleys are. A part of a radian that no error of a gear reaches: it would be 3 degrees.
 Part of a squared residual that additional parameters must explain to be supported: less is real at
 times and never useful. In right models of a simulated 7-joint arm the smoothing of Coulomb friction
-by the low pass explains 2 to 4 % (`scripts/benchmarks/term_selection.py`)."""
+by the low pass explains 2 to 4 % (`scripts/benchmarks/term_selection.py`). The part of RARE is by
+hand (86c431a7)."""
 
 CORRELATED_ROWS, CORRELATED_ERRORS = 4.0, 1.5
 """Rows of a regression per independent one: eight are in a period of the cutoff, which is two
@@ -62,13 +64,15 @@ two channels follow each other."""
 
 TWICE = 2.0
 """Ratio of two sizes that errors of nominal bodies or of a mounting do not explain: masses by CAD
-are nearer, and the controllers of a measured Go2 gave 1.1 to 1.7 of the torque of its bodies. Of
-variances, the ratio from which parts of the data disagree, or a drift is more than a note. Stated
-standard errors of a parameter above which its change matters: below, it is within the interval."""
+are nearer, and the controllers of a measured Go2 gave 1.1 to 1.7 of the torque of its bodies, which
+is one robot: the round number is by hand (c604ab9c). Of variances, the ratio from which parts of
+the data disagree, or a drift is more than a note. Stated standard errors of a parameter above which
+its change matters: below, it is within the interval."""
 
 MANY_TIMES = 5.0
 """Multiple of a limit from which a unit, and not the size of a motion, explains it: torques beyond
-a limit that saturates them were at most 1.5 times beyond on average."""
+a limit that saturates them were 1.5 times beyond on average, in the one case that was looked at. By
+hand (870266c2), between that and the 57 of a degree."""
 
 FAR = 20.0
 """Ratio of two ranges, or of a torque, from which another unit, and neither a soft controller nor
@@ -76,10 +80,11 @@ nominal values, explains it: a degree is 1/57 rad. Of likelihoods, with and with
 the logarithm from which it has a finding: encoders that move slowly have slow errors too."""
 
 LATE_S = 0.05
-"""Delay of a command [s] that no bus has."""
+"""Delay of a command [s] that no bus has. By hand (870266c2)."""
 
 LEAST_DELAY_S = 0.0015
-"""Delay [s] below which neither filters nor friction that a model lacks can be excluded."""
+"""Delay [s] below which neither filters nor friction that a model lacks can be excluded. By hand
+(80f58934)."""
 
 FEWEST_INSTANTS = 30
 """Fewest instants of an experiment at which a joint moves: three for each of seven base parameters
@@ -88,7 +93,7 @@ that a body adds and of three columns of friction."""
 HARDLY = 0.02
 """Motion of a joint over that of its motor, behind the gear, up to which it counts as locked: it
 shows no gear ratio, and what holds it yields too. Part by which equations without a torque may
-reduce the parameters towards zero."""
+reduce the parameters towards zero. Both by hand (74c0cb4c, 14a59449)."""
 
 LONGEST_M = 20.0
 """Distance [m] between two joints that no robot has, which is that of 2 cm in mm."""
@@ -101,13 +106,14 @@ EVENTS = 8
 its returns to it, so that none of eight is has a probability of 1/256."""
 
 SLOWEST_HZ, FASTEST_HZ = 8.0, 3e4
-"""Sampling rates of logs of motion lie between; in their middle, of the logarithm, are 500 Hz."""
+"""Sampling rates of logs of motion lie between; in their middle, of the logarithm, are 500 Hz. By
+hand (86c431a7); the higher one is what that middle, a usual rate, requires (f346394a)."""
 
 LEAST_SWING = 0.03
-"""Motion [rad or m] of every joint below which a robot hardly moves."""
+"""Motion [rad or m] of every joint below which a robot hardly moves. By hand (86c431a7)."""
 
 LARGEST_DEFLECTION_RAD = 0.5
-"""Motion of a motor at the joint that may be the deflection of a spring."""
+"""Motion of a motor at the joint that may be the deflection of a spring. By hand (74c0cb4c)."""
 
 LEAST_OFFSET = 2e-3
 """Difference [rad or m] of the encoder offsets of a joint without a spring that matters, and
