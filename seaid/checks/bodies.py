@@ -169,9 +169,8 @@ def _off(
     evidence = {f"offset of {joint} [rad]": angle for joint, angle in named.items()}
     case = {(1, 0): "moved", (0, 1): "reversed", (1, 1): "moved-and-reversed"}
     words = {"offsets": " and ".join(off), "joints": listed(signs)}
-    code = CODES["sign" if signs else "encoder-offset"]
     of_joints = case[bool(off), bool(signs)], only_joint([*named]), {**evidence, **words}
-    finding = code.finding(*of_joints)
+    finding = CODES["sign" if signs else "encoder-offset"].finding(*of_joints)
     sources = moved_zeros(experiment.robot, named, experiment.sources[0], signs)
     right = _with_zeros([*angles], experiment, [*angles.values()])
     return Transform(finding, right, penalty, sources=sources)

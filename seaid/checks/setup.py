@@ -508,16 +508,15 @@ def _scale(
     # A unit is one of few values and no fitted number: it costs one parameter less.
     factor = sign / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
     words = {"unit": unit, "times": _off_by(size, error), "sign": _WITH_SIGN * (sign < 0)}
-    code, case = (
-        ("unit", "torques" if exact else "large") if is_unit else ("torque-scale", "scaled")
-    )
+    code = CODES["unit" if is_unit else "torque-scale"]
+    case = "torques" if exact else "large" if is_unit else "scaled"
     names = [experiment.robot.joint_names[j] for j in joints]
     remedy = _stated(names, [error * (is_of_motors and not exact)] * len(names))
     evidence = {"factor": slope} | known | words
     scaled = experiment, dict.fromkeys(joints, factor), channels, evidence, float(not exact)
     # errors of bodies in the robot file do not explain it
     is_worse = abs(math.log(size)) > math.log(tol.TWICE)
-    return multiplied(CODES[code], case, *scaled, remedy=remedy, is_worse=is_worse)
+    return multiplied(code, case, *scaled, remedy=remedy, is_worse=is_worse)
 
 
 def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -614,11 +613,9 @@ def _scale_errors(experiment: Experiment, parts: Mapping[int, float]) -> list[fl
 
 def _stated(joints: Sequence[str], errors: Sequence[float]) -> str:
     """Return the remedy that states the errors of scales of torques, of those that are known."""
-    lines: dict[tuple[str, ...], str] = {}
-    for joint, error in zip(joints, errors, strict=True):
-        if 0 < error < 1:
-            lines[joint,] = f"torque_scale_std = {error:.2g}"
-    return in_drives(lines) if lines else ""
+    known = {x: error for x, error in zip(joints, errors, strict=True) if 0 < error < 1}
+    lines = in_drives({(x,): f"torque_scale_std = {error:.2g}" for x, error in known.items()})
+    return lines if known else ""
 
 
 def _are_scales(logs: Array, levers: Array) -> bool:
@@ -735,7 +732,6 @@ def _with_clock(experiment: Experiment, log_factor: float) -> Experiment:
 
 
 def _exchanges(experiment: Experiment) -> Iterator[Transform]:
-    code = CODES["swapped-joints"]
     for i, j in experiment.pairs(range(experiment.robot.n)):
         first, second = pair = tuple(experiment.robot.joint_names[place] for place in (i, j))
         order = np.arange(experiment.robot.n)
@@ -752,7 +748,7 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
             if factor != 1:
                 changed = changed.scaled({i: factor, j: 1 / factor}, "t")
             words = {"subject": experiment.subject((i, j), sides)}
-            finding = code.finding("channels", first, words, joints=pair)
+            finding = CODES["swapped-joints"].finding("channels", first, words, joints=pair)
             yield Transform(finding, changed, sources=sources)
 
 

@@ -72,8 +72,7 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     if pull > tol.HARDLY and not np.all(zero_fits):
         names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
         evidence = {"reduction": pull, "cutoff_hz": cutoff_hz, "names": listed(names)}
-        is_wrong = pull > tol.RARE
-        yield CODES["homogeneous"].finding("pull", names[0], evidence, is_worse=is_wrong)
+        yield CODES["homogeneous"].finding("pull", names[0], evidence, is_worse=pull > tol.RARE)
 
 
 # The noise of a fit

@@ -485,8 +485,7 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
         if (times := whole.beyond.get(joint, NAN)) > tol.MANY_TIMES:
             # What cancels such a torque stands, as it does, for something that the model lacks.
             beyond = {"torque of the bodies over the usual one": times}
-            is_worse = times > tol.FAR
-            yield CODES["no-fit"].finding("cancelled", joint, beyond, is_worse=is_worse)
+            yield CODES["no-fit"].finding("cancelled", joint, beyond, is_worse=times > tol.FAR)
 
 
 def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
