@@ -15,6 +15,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, partialmethod
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -291,22 +292,23 @@ def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return findings in the order of `by_severity`, those of one code at many joints as one.
 
     That is above a note. It has the words of the first one, the remedies of all together, and their
-    evidence by joint. Where there are more findings than one reads, two joints are many.
+    evidence by joint. Where there are more findings than one reads, two joints are many, and the
+    last findings are notes, with their remedies.
     """
-    ordered = by_severity(findings)
-    alike: dict[tuple[str, str], list[Finding]] = {}
+    ordered, groups = by_severity(findings), dict[Any, list[Finding]]()
     above = [finding for finding in ordered if finding.severity != "note"]
-    most = 1 if len(above) > 2 * tol.MOST_ALIKE else tol.MOST_ALIKE
-    for finding in above:
-        if finding.joint:
-            alike.setdefault((finding.code, finding.severity), []).append(finding)
-    replaced = {
-        finding: _as_one(group) if finding is group[0] else None
-        for group in alike.values()
-        if len({finding.joint for finding in group}) > most
-        for finding in group
-    }
-    return tuple(x for x in (replaced.get(each, each) for each in ordered) if x is not None)
+    most = tol.MOST_ALIKE if len(above) < tol.MOST_READ else 1
+    for finding in ordered:
+        is_alone = finding.severity == "note" or not finding.joint
+        key = finding if is_alone else (finding.code, finding.severity)
+        groups.setdefault(key, []).append(finding)
+    parts = ([_as_one(x)] if len({y.joint for y in x}) > most else x for x in groups.values())
+    joined = [*chain.from_iterable(parts)]
+    behind = f" (a note behind {tol.MOST_READ} findings that come first)"
+    for place, finding in enumerate(joined[: len(above)]):
+        if place >= tol.MOST_READ and finding.severity != "note":
+            joined[place] = replace(finding, severity="note", message=finding.message + behind)
+    return tuple(joined)
 
 
 def _as_one(findings: Sequence[Finding]) -> Finding:

@@ -32,7 +32,7 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
-from seaid.checks.tolerances import CONFIDENCE, LEAST, MOST, NEGLIGIBLE, SIGNIFICANT, SLIGHT
+from seaid.checks import tolerances as tol
 from seaid.drives import ParameterName
 from seaid.errors import Finding, IdentificationError, reason_of
 from seaid.estimation import qr_factor
@@ -165,13 +165,13 @@ class ModelComparison:
         significantly: by a t test (one-sided, `CONFIDENCE`) that one block cannot decide. The part
         is that of all rows of the fit.
         """
-        return self.explained > SLIGHT and self.is_better
+        return self.explained > tol.SLIGHT and self.is_better
 
     @property
     def is_better(self) -> bool:
         """Whether the criterion and the prediction improve, whatever the part of the residual."""
         # The quantile of Student's t: 2.36 standard errors of the mean of eight blocks.
-        least = float(scipy.special.stdtrit(self.blocks - 1, CONFIDENCE))
+        least = float(scipy.special.stdtrit(self.blocks - 1, tol.CONFIDENCE))
         return self.bic > 0 and self.improvement > 0 and self.t > least
 
     @property
@@ -182,7 +182,7 @@ class ModelComparison:
         more than its own: that of a single block that improves is as large as the improvement.
         """
         # z standard errors lower the criterion by z^2, less its penalty
-        return self.bic > SIGNIFICANT**2 and self.improvement > self.improvement_std
+        return self.bic > tol.SIGNIFICANT**2 and self.improvement > self.improvement_std
 
     @property
     def evidence(self) -> dict[str, float]:
@@ -194,7 +194,9 @@ class ModelComparison:
     def criterion(self, rows: float) -> float:
         """Return the information criterion for a number of independent rows, larger if better."""
         # BIC with its sign turned: -n log(RSS / RSS_0) - k log n (Schwarz 1978).
-        return -rows * math.log(max(1 - self.explained, LEAST)) - self.parameters * math.log(rows)
+        return -rows * math.log(max(1 - self.explained, tol.LEAST)) - self.parameters * math.log(
+            rows
+        )
 
 
 Model = TypeVar("Model")
@@ -278,7 +280,7 @@ class _SharedModel:
         It is below one if columns that replace others fit worse than these.
         """
         after = float(_squares(self.whole, self.whole, self.places_of(model)))
-        return self.before / max(after, LEAST)
+        return self.before / max(after, tol.LEAST)
 
     def trial(self, candidate: Candidate, asked: int, least_bic: float | None) -> Trial:
         """Return a candidate at the best point of its grid."""
@@ -295,18 +297,18 @@ class _SharedModel:
         `rss_ratio` is that of `model`; `asked` and `least_bic` are those of `compared_candidates`.
         """
         equation, in_full = self.equation, least_bic is None
-        explained, count = 1 - 1 / max(rss_ratio, LEAST), 1.0
+        explained, count = 1 - 1 / max(rss_ratio, tol.LEAST), 1.0
         acts = np.any(model.columns != 0, axis=1)
-        part = equation.squares(acts) / max(equation.squares(), LEAST)
-        share = explained / max(part, LEAST)
+        part = equation.squares(acts) / max(equation.squares(), tol.LEAST)
+        share = explained / max(part, tol.LEAST)
         # Not counted otherwise: a share this small is never supported, whatever its criterion.
-        if in_full or share > SLIGHT:
+        if in_full or share > tol.SLIGHT:
             columns = self.rest[:, [*self.places[model]]]
             count = _independent_rows(equation.rows, columns, self.rest[:, -1])
         freedom = max(count - len(equation.rows.names) - model.parameters, 1.0)
         bic = _bic(rss_ratio, freedom, count, model.parameters, asked)
         without = within = np.zeros(len(self.factors))
-        if least_bic is None or (bic > least_bic and share > SLIGHT):
+        if least_bic is None or (bic > least_bic and share > tol.SLIGHT):
             without, within = self.without, _squares(*self.blocks, self.places_of(model))
         # F = ((RSS_0 - RSS) / k) / (RSS / n')
         F = freedom / model.parameters * max(rss_ratio - 1, 0.0)
@@ -318,7 +320,7 @@ def _bic(rss_ratio: float, freedom: float, count: float, parameters: int, asked:
     """Return the criterion of a number of independent rows."""
     # With n independent rows and n' = n - p - k: n' log(RSS_0 / RSS) - k log n - 2 log(asked).
     penalty = parameters * math.log(count) + 2 * math.log(max(asked, 1))
-    return freedom * math.log(max(rss_ratio, LEAST)) - penalty  # Chen and Chen 2008
+    return freedom * math.log(max(rss_ratio, tol.LEAST)) - penalty  # Chen and Chen 2008
 
 
 def _independent_rows(rows: Regression, columns: Array, residual: Array) -> float:
@@ -338,13 +340,13 @@ def _independent_rows(rows: Regression, columns: Array, residual: Array) -> floa
 
 def _changes(without: Array, within: Array) -> tuple[float, float, int, int, float]:
     """Return the `improvement`, its `improvement_std`, `better`, `blocks` and `t`."""
-    change, total = without - within, max(float(np.sum(without)), LEAST)
+    change, total = without - within, max(float(np.sum(without)), tol.LEAST)
     # From -1 to 1 per block: a block with large errors has no more weight than any other.
-    relative = change / np.maximum(without + within, LEAST)
+    relative = change / np.maximum(without + within, tol.LEAST)
     # The sum of n changes has sqrt(n) times the standard deviation of one.
     std = math.sqrt(len(change)) * float(np.std(change, ddof=1)) / total
     both = np.array([change, relative])
-    errors = np.maximum(np.std(both, axis=1, ddof=1), LEAST) / math.sqrt(len(change))
+    errors = np.maximum(np.std(both, axis=1, ddof=1), tol.LEAST) / math.sqrt(len(change))
     t = float(np.max(np.mean(both, axis=1) / errors))
     return float(np.sum(change)) / total, std, int(np.sum(change > 0)), len(change), t
 
@@ -447,7 +449,7 @@ def _is_supported(trial: Trial) -> bool:
     comparison = trial.comparison
     # A spring deflects far in few blocks only, where it is hard or soft.
     is_clear = trial.candidate.field == "spring" and comparison.is_clear_in_few
-    return comparison.share > SLIGHT and (comparison.is_better or is_clear)
+    return comparison.share > tol.SLIGHT and (comparison.is_better or is_clear)
 
 
 def best_trial(trials: Iterable[Trial]) -> Trial | None:
@@ -555,11 +557,11 @@ class Equation:
         rows, whole = np.any(np.hstack(columns) != 0, axis=1), self.weighted(np.hstack(columns))
         of_joints = [rows & (self.rows.joint == x) for x in np.unique(self.rows.joint[rows])]
         # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
-        # torque, and NEGLIGIBLE is a ratio of rms values.
+        # torque, and tol.NEGLIGIBLE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
         residual, torque = self.squares(rows), min(torques, default=0.0)
-        most = MOST * residual if candidate.field == "delay" else math.inf
-        needed = max(SLIGHT * residual, min((NEGLIGIBLE * torque) ** 2, most))
+        most = tol.MOST * residual if candidate.field == "delay" else math.inf
+        needed = max(tol.SLIGHT * residual, min((tol.NEGLIGIBLE * torque) ** 2, most))
         acting = np.flatnonzero(np.any(whole != 0, axis=1))
         parts = np.repeat(np.arange(len(columns)), [x.shape[1] for x in columns])
         of_rows = whole[acting], self.basis[acting], self.residual[acting]
@@ -592,7 +594,7 @@ def equation_of(fitted: FittedRows) -> Equation:
     # The noise is what the fit leaves apart from these: springs that are free explain any torque,
     # as it is theirs. A row has a part of an independent one's information.
     noise = np.mean((equation.residual - Q @ (Q.T @ equation.residual)) ** 2) * ROWS_PER_PERIOD / 2
-    of_noise = R @ fitted.propagated @ R.T / max(float(noise), LEAST)
+    of_noise = R @ fitted.propagated @ R.T / max(float(noise), tol.LEAST)
     squares, directions = safely(np.linalg.eigh, of_noise, what="the errors of springs")
     return replace(equation, errors=(Q, ((directions, np.sqrt(np.maximum(squares, 0.0))),)))
 
@@ -637,9 +639,9 @@ def _without_logs(
     most, bics = 2 * len(rows.y) / ROWS_PER_PERIOD, dict[Candidate, float]()
     for x, share in zip(parts, shares, strict=False):  # without logs nothing is computed
         k = x.alternatives[0].parameters
-        bics[x] = _bic(1 / max(1 - share, LEAST), most - p - k, most, k, asked)
+        bics[x] = _bic(1 / max(1 - share, tol.LEAST), most - p - k, most, k, asked)
     possible = sorted((x for x in bics if bics[x] > least_bic), key=bics.__getitem__)
-    return [x for x in candidates if x not in parts or x in possible[-MOST_ACCEPTED:]]
+    return [x for x in candidates if x not in parts or x in possible[-tol.MOST_READ :]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -677,10 +679,6 @@ class Selection:
     first: tuple[Trial, ...]
 
 
-MOST_ACCEPTED = 7
-"""Candidates that one equation may accept: more findings above a note would not be read."""
-
-
 def forward_selection(
     equation: Equation, candidates: Sequence[Candidate], asked: int, least_gain: float
 ) -> Selection:
@@ -696,7 +694,7 @@ def forward_selection(
     # With as few rows as parameters no block can be predicted, and nothing more is accepted. The
     # fit itself has the finding `few-rows` then.
     with suppress(IdentificationError):
-        while len(kept) < MOST_ACCEPTED:
+        while len(kept) < tol.MOST_READ:
             # Asked for one test: the 2 log(asked) of the criterion is in `least_bic` already. The
             # trials of the first step are returned as `Selection.first`, and callers judge them
             # with a penalty for fewer tests. So all with a criterion above zero are compared in
@@ -745,7 +743,9 @@ def _accepted(
         larger = before.with_alternatives([trial.alternative])
         rows = np.any(trial.alternative.columns != 0, axis=1)
         # Over the residual of the fit, not of this step: the shares at the same rows add up.
-        share = (before.squares(rows) - larger.squares(rows)) / max(equation.squares(rows), LEAST)
+        share = (before.squares(rows) - larger.squares(rows)) / max(
+            equation.squares(rows), tol.LEAST
+        )
         is_fitted = np.any(larger.rows.H[:, :p] != 0, axis=0)
         change = np.where(is_fitted, larger.values[:p] - before.values[:p], 0.0)
         others = tuple(x for x in rivals[trial.candidate] if x.candidate.name not in names)

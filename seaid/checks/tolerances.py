@@ -130,6 +130,10 @@ hold in 80 to 90 %, with more in 94 %. Right set-ups of eight seconds have at le
 (`scripts/benchmarks/short_logs.py`). Up to twice as many do not determine the torques of other
 motions where these have large errors."""
 
+MOST_READ = 7
+"""Findings above a note of a result, and candidates that one equation may accept: more would not be
+read."""
+
 MOST_ALIKE = 3
 """Joints with warnings of one code that are listed one by one, and half of those that the verdict
 names: fifteen that lack the same are read as one."""

@@ -19,7 +19,7 @@ from seaid.checks import CODES, channels, columns, engine, model, setup, values,
 from seaid.checks.codes import consequences, in_drives, merged, that_matter
 from seaid.checks.engine import Check, observed
 from seaid.checks.experiment import Experiment
-from seaid.checks.tolerances import MOST_ALIKE
+from seaid.checks.tolerances import MOST_ALIKE, MOST_READ
 from seaid.checks.verdict import RobotFit
 from seaid.errors import SEVERITIES, Finding, LogError, by_severity
 from seaid.identification import checking, conclusion
@@ -52,6 +52,19 @@ def test_what_many_joints_have_is_one_warning_with_all_joints_and_tables(count: 
     tables = tomllib.loads(lines)
     assert [*tables] == joints
     assert [*tables["j0"]] == ["friction", "parallel_spring"]
+
+
+@pytest.mark.parametrize("count", [MOST_READ, MOST_READ + 3])
+def test_more_findings_than_one_reads_end_as_notes_that_keep_their_remedies(count: int) -> None:
+    note, codes = Finding("drift", "slow", "", "note"), [*CODES][:count]
+    each = [Finding(code, f"{code} of it", remedy="repair it") for code in codes]
+    worst = Finding("no-fit", "nothing", "knee", "wrong")
+    warnings = merged([note, *each[1:], worst])
+    assert warnings[:MOST_READ] == (worst, *each[1:MOST_READ])
+    assert warnings[-1] == note
+    for finding, last in zip(each[MOST_READ:], warnings[MOST_READ:-1], strict=True):
+        assert (last.severity, last.remedy) == ("note", "repair it")
+        assert last.message.startswith(finding.message + " (a note behind 7 findings")
 
 
 TERM = Finding("missing-term", "most of the residual", "knee", evidence={"explained": 0.8})
