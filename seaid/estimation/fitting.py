@@ -199,11 +199,6 @@ def _equations(rows: Regression) -> Iterator[BoolArray]:
         yield rows.joint == index
 
 
-def unweighted(rows: Regression, estimate: Estimate) -> Regression:
-    """Return the rows as they are."""
-    return rows
-
-
 @dataclass(frozen=True)
 class Estimator:
     """An estimator by its functions.
@@ -216,7 +211,7 @@ class Estimator:
 
     solve: Callable[[Regression, Array | None], Estimate]
     weigh: Callable[[QRFactor], Array] | None = None
-    effective_rows: Callable[[Regression, Estimate], Regression] = unweighted
+    effective_rows: Callable[[Regression, Estimate], Regression] = lambda rows, _: rows
     columns: Callable[[Regression], Array] | None = None
 
 

@@ -69,7 +69,12 @@ def projected_columns(rows: Regression, instruments: Array) -> Array:
 
 def _projected(rows: Regression, instruments: Array, qr_factor: QRFactor, weights: Array) -> Array:
     """Return the projections of the columns of rows with these weights of their equations."""
-    Z = finite("instruments", _checked(rows, instruments), rows.H.shape, IdentificationError)
+    Z = finite("instruments", instruments, rows.H.shape, IdentificationError)
+    if dead := [x for x, column in zip(rows.names, Z.T, strict=True) if not any(column)]:
+        raise IdentificationError(
+            f"the instruments of {', '.join(dead)} are zero: these joints do not move in the "
+            "motion from which the instruments are computed"
+        )
     weight = weights[np.searchsorted(qr_factor.equations, rows.joint)][:, None]
     return np.asarray(Z @ _first_stage(weight * Z, weight * rows.H, rows.names))
 
@@ -175,21 +180,6 @@ def deming(x: Array, y: Array, ratio: float) -> float:
     root = float(np.hypot(half, np.sqrt(ratio) * xy))
     # a + sqrt(a^2 + b) = b / (sqrt(a^2 + b) - a), which does not cancel for a < 0.
     return (half + root) / xy if half > 0 else ratio * xy / (root - half)
-
-
-def _checked(rows: Regression, instruments: Array) -> Array:
-    if np.shape(instruments) != rows.H.shape:
-        raise IdentificationError(
-            f"instruments must have a column for each of the {rows.H.shape[1]} parameters and the "
-            f"{rows.H.shape[0]} rows of the regression, found shape {np.shape(instruments)}"
-        )
-    dead = [name for name, column in zip(rows.names, instruments.T, strict=True) if not any(column)]
-    if dead:
-        raise IdentificationError(
-            f"the instruments of {', '.join(dead)} are zero: these joints do not move in the "
-            "motion from which the instruments are computed"
-        )
-    return instruments
 
 
 def _first_stage(Z: Array, H: Array, names: tuple[str, ...]) -> Array:

@@ -62,9 +62,6 @@ class Parameter:
         What is known of it before the data; None: nothing.
     lower, upper : float
         Bounds of a search.
-    starts : tuple of float
-        Values from which a search starts; without any the problem is linear in the parameter, or
-        has a start of its own.
     is_fixed : bool
         Whether it keeps its value, as known constants do. The standard deviation of its prior is
         then in the errors of all others, and the data do not reduce it.
@@ -82,7 +79,6 @@ class Parameter:
     prior: Prior | None = field(default=None, compare=False)
     lower: float = field(default=-math.inf, compare=False)
     upper: float = field(default=math.inf, compare=False)
-    starts: tuple[float, ...] = field(default=(), compare=False)
     is_fixed: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:

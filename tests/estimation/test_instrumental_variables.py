@@ -121,7 +121,7 @@ def test_instruments_that_determine_nothing_are_refused() -> None:
     rows, Z = experiment(5)
     alike = replace(rows, H=rows.H[:, [0, 1, 0]])
     refused = [
-        (rows, Z[:-1], r"each of the 3 parameters and the 1000 rows"),
+        (rows, Z[:-1], r"instruments must have shape \(1000, 3\), found \(999, 3\)"),
         (rows, np.where(Z > 3, np.nan, Z), "instruments must be finite"),
         (rows, Z * [1, 0, 1], "the instruments of b are zero"),
         (rows, Z[:, [0, 1, 0]], "identify only 2 of 3 parameters"),
