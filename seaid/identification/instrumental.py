@@ -32,7 +32,6 @@ from seaid.estimation.instrumental_variables import instrumental, projected_colu
 from seaid.identification.drive_estimates import without_torque
 from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
 from seaid.identification.two_step import (
-    IN_TURN,
     ONLY,
     Condition,
     Procedure,
@@ -190,8 +189,6 @@ def estimate_instrumental(condition: Condition, start: RobotEstimate) -> RobotEs
 
 BY_INSTRUMENTS = Procedure(
     option='estimator="iv"',
-    steps=IN_TURN.steps,
-    by="instruments",
     limits=partial(nonlinear_springs, set[str]()),
     only="supports springs of one stiffness",
     instead='use estimator="wls"',

@@ -153,8 +153,8 @@ def refine(
 
 
 def _check_start(start: Identification, unseen: Sequence[str]) -> None:
-    by_motors = WITHOUT_ENCODERS if unseen else BY_MOTORS
-    (UNDER_COMMANDS if start.known.has_controllers else by_motors).check(start.known, unseen)
+    by_commands = start.known.has_controllers
+    (WITHOUT_ENCODERS if unseen and not by_commands else BY_MOTORS).check(start.known, unseen)
     if start.gears:
         raise IdentificationError(
             f"the deflection of {', '.join(start.gears)} was measured, and the refinement knows "
@@ -613,15 +613,11 @@ def _of_unseen(robot: Robot, joint: str, drive: Drive, unseen: Iterable[str]) ->
 
 BY_MOTORS = Procedure(
     option="refine",
-    steps=(("simulated positions", "motors (7)", "joints (8)"),),
-    by="output error",
     limits=_drives_not_simulated,
     only="cannot simulate every drive",
     instead="use the result of identify",
     held="seaid does not simulate contacts",
 )
-
-UNDER_COMMANDS = replace(BY_MOTORS, steps=(("simulated positions",),))
 
 WITHOUT_ENCODERS = replace(
     BY_MOTORS,

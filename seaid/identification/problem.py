@@ -256,8 +256,8 @@ class Problem:
             later = go_on(case, start, self.options.linear_estimator)
             return self.offsets.included({name: later})[name]
 
-        if procedure.steps == IN_TURN.steps or not is_auto:
-            reason = f"{procedure.by} are of the equations in turn" if is_auto else ""
+        if procedure is not AT_ONCE or not is_auto:
+            reason = "instruments are of the equations in turn" if is_auto else ""
             return {name: replace(estimate(), not_shared=reason)}
         doubtful = [key for side in self.lacking for key in side.doubtful]
         lacking = sorted({(check.code.name, joint) for check, joint in doubtful})
@@ -438,8 +438,7 @@ def _with_first_estimates(problem: Problem) -> Problem:
     if bias is not None:
         problem = _with_case(problem, datasets=[*bias.removed(case.datasets)], bias=bias)
     for _ in range(MOST_ROUNDS):
-        case = problem.only
-        assert case is not None
+        (case,) = problem.cases.values()
         robot, nominal, notes = with_default_terms(case.robot, case.nominal, problem.lacking)
         if not notes:
             break

@@ -367,8 +367,6 @@ def estimate_simultaneous(
 
 AT_ONCE = Procedure(
     option='method="simultaneous"',
-    steps=(("motors (7)", "joints (8)"),),
-    by="least squares",
     limits=partial(nonlinear_springs, {*_SPRING}),
     only="shares springs of unknown stiffness and offset",
     instead='use method="two-step"',

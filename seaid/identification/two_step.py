@@ -508,9 +508,6 @@ def check_forces(datasets: Sequence[Dataset], torque_joints: Sequence[str]) -> N
 
 LINEAR_SPRING = {"stiffness", "spring_damping", "spring_offset"}
 
-Block = Literal["motors (7)", "joints (8)", "simulated positions"]
-"""Residuals of a procedure; those of motors are of (4b) where only the spring's torque is known."""
-
 Limits = Callable[[Robot, Collection[str]], Iterator[str]]
 """Function of a robot and some of its joints that yields why a procedure cannot have them."""
 
@@ -520,17 +517,14 @@ Continuation = Callable[[Condition, RobotEstimate, Estimator], RobotEstimate]
 
 @dataclass(frozen=True)
 class Procedure:
-    """A choice of residual blocks, of what solves them and of their order, with its limits.
+    """What estimates both sides from their blocks of residuals, (7) and (8), with its limits.
 
-    `steps` are the blocks that are solved together, in turn; `by` is what solves them. `option` is
-    how it is asked for. It refuses what its `limits` yield: the text is what it `only` does, the
-    limit, and what to do `instead`. `held` is the reason for which the base has to be held.
-    `continued` goes on from two steps; None: it does not.
+    `option` is how it is asked for. It refuses what its `limits` yield: the text is what it `only`
+    does, the limit, and what to do `instead`. `held` is the reason for which the base has to be
+    held. `continued` goes on from two steps; None: it does not.
     """
 
     option: str
-    steps: tuple[tuple[Block, ...], ...]
-    by: Literal["least squares", "instruments", "output error"]
     limits: Limits = lambda robot, joints: iter(())
     only: str = ""
     instead: str = ""
@@ -557,7 +551,8 @@ class Procedure:
             )
 
 
-IN_TURN = Procedure('method="two-step"', (("motors (7)",), ("joints (8)",)), "least squares")
+IN_TURN = Procedure('method="two-step"')
+"""(7) of each drive, or (4b) where only the torque of its spring is known, then (8)."""
 
 
 def nonlinear_springs(needed: set[str], robot: Robot, joints: Collection[str]) -> Iterator[str]:
