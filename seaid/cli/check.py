@@ -48,8 +48,8 @@ def check(
     seaid check leg.urdf run.csv --drives leg.toml --terms -o leg_with_terms.toml
     """
     _check_usage(output, terms)
-    result.check(output, read=(*options.files, *logs))
     robot = options.robot()
+    result.check(output, read=(*options.files, *logs))
     check_joints("--of", of, robot)
     read = options.logs(logs, robot)
     if not terms:

@@ -213,8 +213,8 @@ def excite(
     if not rate_hz > 0:
         refuse(f"{rate_hz:g} is not more than zero", "rate_hz")
     read = (*options.files, search.description, *search.previous_logs)
-    result.check(output, set_points, of_base, joint_trajectory, read=read)
     robot = options.robot()
+    result.check(output, set_points, of_base, joint_trajectory, read=read)
     plan = seaid.design_excitation(
         robot,
         motion.duration,

@@ -63,8 +63,8 @@ def identify(
         refuse(f"logs that are read in pieces are not changed: {changes}", "in_pieces")
     if refine:
         refuse("it is no option of --refine", "feasible", "in_pieces")
-    result.check(output, read=(*options.files, *logs))
     robot = options.robot()
+    result.check(output, read=(*options.files, *logs))
     read = [] if in_pieces else options.logs(logs, robot)
     choices = {"feasible": feasible and not refine, **options.keywords()}
     fit = seaid.identify(robot, read or logs, **choices)

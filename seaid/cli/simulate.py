@@ -78,8 +78,8 @@ def simulate(
     seaid simulate leg.urdf plan.json --drives leg.toml --joint-offset knee_pitch=0.01 -o run.csv
     seaid simulate leg.urdf plan.json --drives leg.toml --payload foot:2.0:0.15,0,0 -o loaded.npz
     """
-    result.check(output, read=(options.urdf, options.drives, trajectory))
     robot = options.robot()
+    result.check(output, read=(options.urdf, options.drives, trajectory))
     noise = sensors.noise(robot)
     log = seaid.simulate(
         robot,

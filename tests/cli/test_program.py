@@ -142,6 +142,15 @@ def test_a_file_that_is_there_is_overwritten_with_force_only(
     assert (tmp_path / beside).read_text() != "mine"
 
 
+def test_an_error_of_the_robot_comes_before_that_of_the_output(arm: Path, tmp_path: Path) -> None:
+    """The output is compared with files that exist; bad drives are the first thing to repair."""
+    output, drives = tmp_path / "parameters.json", tmp_path / "drives.toml"
+    output.write_text("mine")
+    drives.write_text('[elbow]\ntype = "elastic"\n')
+    line = ("identify", arm / "arm.urdf", arm / "run.csv", "--drives", drives, "-o", output)
+    assert "is there already" not in refused(*line)
+
+
 @pytest.mark.parametrize("former", [*MOVED, *RENAMED])
 def test_a_former_word_names_what_to_write_now(former: str) -> None:
     """What is named instead exists, and the JSON of a former command has the same error."""
