@@ -24,7 +24,7 @@ from seaid.identification.conclusion import (
     value_findings,
     with_value_findings,
 )
-from seaid.identification.nonlinear_terms import linearised_condition, searched_drives
+from seaid.identification.nonlinear_terms import linearised_condition, with_searched_drives
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.legged import load_robot
 from seaid.log import Log, Motion
@@ -228,7 +228,7 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     known = condition.robot
     sides = estimate_two_step({ONLY: condition}, estimator_named("wls")).of(ONLY)
     values = value_findings(sides, robot, known, None)
-    sides = replace(sides, drives=searched_drives(sides.drives, condition))
+    sides = with_searched_drives(sides, condition)
     return with_value_findings(identification_of(known, sides, condition.datasets), values)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -292,6 +292,11 @@ def fixed_findings(joint: str, drive: Drive, names: Collection[str]) -> Iterator
             (second,) = {*_ONE_SIDED} - {name}
             words["second"], evidence, case = second.replace("_", " "), {name: value}, "one-sided"
         yield CODES["unidentifiable"].finding(case, joint, {**evidence, **words})
+
+
+def competing_optimum(joint: str, evidence: Mapping[str, Any], is_far: bool) -> Finding:
+    """Return the finding of values with which the drive of a joint explains the log as well."""
+    return CODES["competing-optima"].finding("optimum", joint, evidence, is_worse=is_far)
 
 
 @looks_for(CODES["drives-differ"])

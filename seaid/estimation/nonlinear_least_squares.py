@@ -299,15 +299,23 @@ def _at_least(part: float, covariance: Array, white: Array) -> Array:
 
     Flat-top weights alone do not make it positive.
     """
-    scale = np.sqrt(np.diag(white))
-    scale[scale == 0] = 1.0  # known by the prior alone
-    sizes, axes = safely(np.linalg.eigh, white / np.outer(scale, scale), what=_MATRICES)
-    sizes = np.sqrt(np.maximum(sizes, ROUNDING))
     # white = root root^T is the identity in these coordinates; `ratios` are covariance over white.
-    root, inverse = scale[:, None] * axes * sizes, axes.T / sizes[:, None] / scale
+    root, inverse = _root(white)
     ratios, turned = safely(np.linalg.eigh, inverse @ covariance @ inverse.T, what=_MATRICES)
     half = root @ turned * np.sqrt(np.maximum(ratios, part))
     return np.asarray(half @ half.T)
+
+
+def _root(covariance: Array) -> tuple[Array, Array]:
+    """Return C (p, p) of the covariance C C^T, and its inverse.
+
+    Parameters differ in size by many powers of ten: both are of the correlations, scaled back.
+    """
+    scale = np.sqrt(np.diag(covariance))
+    scale[scale == 0] = 1.0  # known by the prior alone
+    sizes, axes = safely(np.linalg.eigh, covariance / np.outer(scale, scale), what=_MATRICES)
+    sizes = np.sqrt(np.maximum(sizes, ROUNDING))
+    return scale[:, None] * axes * sizes, axes.T / sizes[:, None] / scale
 
 
 def _autocorrelation(residual: Array, most: float) -> Array:
@@ -356,19 +364,13 @@ def without_information(step: Step, noise: Array) -> Step:
     slope J^T r has the covariance J^T J, r being white with unit variance. The error of x is the
     slope over the curvature: its covariance is (J^T J - noise)^-1 J^T J (J^T J - noise)^-1.
     """
-    scale = np.sqrt(np.diag(step.white_covariance))
-    both = np.outer(scale, scale)
-    # Scaled to a unit diagonal, since parameters differ in size by many powers of ten.
-    sizes, axes = safely(np.linalg.eigh, step.white_covariance / both, what=_MATRICES)
-    sizes = np.sqrt(np.maximum(sizes, ROUNDING))
-    root = axes * sizes
-    parts, turned = safely(np.linalg.eigh, root.T @ (noise * both) @ root, what=_MATRICES)
+    root, inverse = _root(step.white_covariance)
+    parts, turned = safely(np.linalg.eigh, root.T @ noise @ root, what=_MATRICES)
     # In the coordinates of `root` the information is the identity, and without noise 1 - parts. The
     # factor n / (n - p) in `white_covariance` is needed here: the random states of `noise` have the
     # standard deviations of the maximum likelihood, whose squares are too small by this factor.
     kept = 1 - np.clip(parts, 0.0, _MOST_NOISE)
-    inverse = turned.T @ (axes / sizes).T
-    larger = scale[:, None] * (root @ turned / kept @ inverse) / scale
+    larger = root @ turned / kept @ turned.T @ inverse
     return replace(
         step,
         covariance=larger @ step.covariance @ larger.T,
@@ -492,13 +494,13 @@ _FEW_EVALUATIONS, _MOST_TRIED = 8, 12
 
 def separable_least_squares(
     columns: Columns, slopes: Slopes, starts: Sequence[Array], lower: Array, upper: Array
-) -> tuple[Array, Array]:
-    """Return v (b,) and theta (p,) of least squares.
+) -> list[tuple[Array, Array]]:
+    """Return v (b,) and theta (p,) of least squares, and then of the optima that compete with it.
 
-    A few evaluations from the best dozen of the `starts` (each (b,)) are followed by a full search
-    from the best result, within `lower` < v < `upper` (b,). A start on a bound is moved inside.
-    Each parameter is scaled by the size of its start, or by its upper bound where the start is
-    zero.
+    A few evaluations from the best dozen of the `starts` (each (b,)) are followed by full searches
+    from the best result and from its `competing_optima`, within `lower` < v < `upper` (b,). A start
+    on a bound is moved inside. Each parameter is scaled by the size of its start, or by its upper
+    bound where the start is zero.
     """
 
     def misfit(v: Array) -> float:
@@ -508,9 +510,36 @@ def separable_least_squares(
     inside = sorted(inside, key=misfit)[:_MOST_TRIED]
     if len(inside) > 1:
         tried = [_trust_region(columns, slopes, v, lower, upper, _FEW_EVALUATIONS) for v in inside]
-        inside = [min(tried, key=misfit)]
-    best = _trust_region(columns, slopes, inside[0], lower, upper, _MOST_EVALUATIONS)
-    return best, _residual(columns, best)[1]
+        tried.sort(key=misfit)
+        inside = [tried[place] for place in competing_optima(columns, slopes, tried)]
+    ends = [_trust_region(columns, slopes, v, lower, upper, _MOST_EVALUATIONS) for v in inside]
+    ends.sort(key=misfit)
+    optima = (ends[place] for place in competing_optima(columns, slopes, ends))
+    return [(v, _residual(columns, v)[1]) for v in optima]
+
+
+def competing_optima(columns: Columns, slopes: Slopes, optima: Sequence[Array]) -> list[int]:
+    """Return 0 and the places of the optima v (b,) that the data do not distinguish from the first.
+
+    Their misfit is in the 95 % region of the first one, and some of their values, v or theta, are
+    others than those of each optimum before: the 95 % intervals by tangents do not overlap.
+    """
+    tangents = [_tangent(columns, slopes, v, np.ones(len(v))) for v in optima]
+    residual, values, _, _ = tangents[0]
+    most, kept = NORMAL_95**2 * _variance(residual, len(values)), dict[int, tuple[Array, Array]]()
+    for place, (after, values, errors, _) in enumerate(tangents):
+        # Without noise errors are rounding, and searches converge to half of its digits.
+        reach = math.sqrt(most) * errors + math.sqrt(ROUNDING) * np.abs(values)
+        apart = (np.abs(values - x) > reach + y for x, y in kept.values())
+        if after @ after - residual @ residual <= most and all(map(np.any, apart)):
+            kept[place] = values, reach
+    return [*kept]
+
+
+def _variance(residual: Array, p: int) -> float:
+    """Return that of the noise with p parameters; correlated rows count as fewer ones."""
+    correlated = max(correlated_rows(residual), 1.0) / max(len(residual) - p, 1)
+    return correlated * float(residual @ residual)
 
 
 def error_growth(
@@ -526,8 +555,7 @@ def error_growth(
     """
     best = starts[0]
     residual, values, errors, _ = _tangent(columns, slopes, best, np.ones(len(best)))
-    correlated = max(correlated_rows(residual), 1.0) / max(len(residual) - len(values), 1)
-    variance = correlated * float(residual @ residual)
+    variance = _variance(residual, len(values))
     errors = np.maximum(math.sqrt(variance) * errors, np.finfo(float).tiny)
     reach = errors.copy()
     # Within so many standard errors are 95 % and 99.7 % of normal errors: a misfit with a second

@@ -53,7 +53,7 @@ from seaid.identification.drive_estimates import with_fixed_delays, with_free_sc
 from seaid.identification.gear import gear_estimates, with_gears
 from seaid.identification.given_constants import exact_constants, scaled_by_bodies
 from seaid.identification.model_selection import backlash_findings
-from seaid.identification.nonlinear_terms import searched_drives
+from seaid.identification.nonlinear_terms import with_searched_drives
 from seaid.identification.result import Identification, extension_of, identified_robot
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.stacked_fits import LOAD, RobotEstimate
@@ -90,7 +90,7 @@ def conclude(problem: Problem, name: str) -> Identification:
     # Errors of the model differ at the drives of a bus, and with them delays.
     of_type = (x for x in final.shared if x.name.quantity != DELAY_PARAMETER)
     values += shared_findings(of_type)
-    values += [*final.findings, *result.findings]
+    values += result.findings
     # The fit is judged without the findings of the values, which are no causes of it.
     fit = replace(_two_step_fit(problem, name, lacking), weak=weak)
     result = _with_fit_quality(problem, name, result, findings, fit)
@@ -103,7 +103,7 @@ def conclude(problem: Problem, name: str) -> Identification:
 def _identification(problem: Problem, name: str) -> Identification:
     """Return the identification with the errors of what was given as known."""
     case, estimate = problem.cases[name], problem.with_errors_of_constants[name]
-    estimate = replace(estimate, drives=searched_drives(estimate.drives, case))
+    estimate = with_searched_drives(estimate, case)
     is_consistent = problem.options.feasible and problem.only is not None
     consistent = feasible_of(case.robot, estimate) if is_consistent else None
     return identification_of(case.robot, estimate, case.datasets, consistent, case.declared)
@@ -274,6 +274,7 @@ def identification_of(
     """
     sprung = gear_estimates(robot, datasets, sides.drives, estimator_named("wls"))
     gears = {joint: gear for joint, (gear, _) in sprung.items()}
+    rigid = (rigid_gear(joint, x) for joint, (_, x) in sprung.items() if x is not None)
     identified = identified_robot(robot, sides) if feasible is None else feasible.robot
     return Identification(
         drive_side=FrozenMapping(sides.drives),
@@ -291,7 +292,7 @@ def identification_of(
         gears=FrozenMapping(gears),
         processing=processing_of(datasets),
         motions=tuple(dataset for dataset in datasets if isinstance(dataset, Motion)),
-        findings=tuple(rigid_gear(joint, x) for joint, (_, x) in sprung.items() if x is not None),
+        findings=(*sides.findings, *rigid),
         not_shared=sides.not_shared,
         shared=sides.shared,
     )

@@ -44,9 +44,9 @@ from seaid.identification.datasets import (
     sources_of,
 )
 from seaid.identification.nonlinear_terms import (
-    check_reversals,
     linearised,
     linearised_load,
+    missing_reversals,
     starting_load_fit,
     with_gear_torques,
     with_torques,
@@ -403,15 +403,6 @@ def _fixed(drive: Drive) -> Drive:
     return replace(drive, known=(*drive.known, *more))
 
 
-def _unseen(model: _Model, joint: str, field: str, term: str) -> str:
-    """Return why no log shows a term with a memory, "" if one does."""
-    try:
-        check_reversals(model.larger(joint, field, term), [joint])
-    except IdentificationError as problem:
-        return str(problem)
-    return ""
-
-
 _WLS = estimator_named("wls")
 
 
@@ -454,7 +445,8 @@ def _compared_terms(
     for at_motor in (True, False):
         fields = {field: of for field, of in asked.items() if (field in AT_THE_MOTOR) == at_motor}
         terms = list(possible_terms(model.robot.drives[joint], fields))
-        unseen = {term: reason for term in terms if (reason := _unseen(model, joint, *term))}
+        larger = {term: model.larger(joint, *term) for term in terms}
+        unseen = {x: reason for x, y in larger.items() for reason in missing_reversals(y, [joint])}
         compared += [TermComparison(joint, *term, step, None, why) for term, why in unseen.items()]
         terms = [term for term in terms if term not in unseen]
         side = model.side(joint, at_motor) if terms else None

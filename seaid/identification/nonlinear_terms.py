@@ -32,18 +32,19 @@ from seaid.checks.terms import (
     scale_of,
     size_of,
 )
-from seaid.drives import PARAMETERS, Drive
-from seaid.drives.drives import deflection
+from seaid.checks.values import competing_optimum
+from seaid.drives import PARAMETERS, Drive, unit_of
+from seaid.drives.drives import NORMAL_95, deflection
 from seaid.drives.regressor import DriveRegressor
 from seaid.drives.terms import COULOMB, LEVEL_OF, WARM_UP, parameter_named
-from seaid.errors import IdentificationError
+from seaid.errors import Finding, IdentificationError, listed
 from seaid.estimation import Estimate
 from seaid.estimation.least_squares import equal_weights, ordinary
 from seaid.estimation.nonlinear_least_squares import error_growth, separable_least_squares
 from seaid.estimation.qr_factor import NAMED, RANK_TOLERANCE, QRFactor, qr_factor_of, scaled_svd
 from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import with_values
-from seaid.identification.stacked_fits import LOAD, spring_of, with_spring_torque
+from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of, with_spring_torque
 from seaid.identification.two_step import Condition, two_step_equations
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, motor_regressor, regression
@@ -81,27 +82,40 @@ def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -
     return names[place] if is_lost else None
 
 
-def searched_drives(drives: Mapping[str, Estimate], condition: Condition) -> dict[str, Estimate]:
-    """Return estimates of drives with values that a search allows, and errors by the misfit.
+def with_searched_drives(estimate: RobotEstimate, condition: Condition) -> RobotEstimate:
+    """Return an estimate whose drives have values that a search allows, and errors by the misfit.
 
-    A positive parameter of a search whose linearised value is negative, within its standard error
-    of zero, has the value at which the search ended: the best one that is allowed. The errors are
-    those of tangents times their `error_growth`.
+    Its findings are the optima that compete with it. A positive parameter of a search whose
+    linearised value is negative, within its standard error of zero, has the value at which the
+    search ended: the best one that is allowed. The errors are those of tangents times their
+    `error_growth`.
     """
-    robot, allowed = condition.robot, dict(drives)
+    robot, drives, findings = condition.robot, dict(estimate.drives), list[Finding]()
     searched = {name for name, x in PARAMETERS.items() if x.is_positive and x.starts}
     joints = drives.keys() & {*robot.elastic_joints, *condition.used}
     for joint, search in _searches(condition, _nonlinear(condition, joints)):
-        nearby, estimate = robot.drives[joint].values, drives[joint]
+        nearby, drive = robot.drives[joint].values, drives[joint]
         values = [
             nearby[name] if name in searched and value < 0 else value
-            for name, value in estimate.by_name.items()
+            for name, value in drive.by_name.items()
         ]
         growth = search.error_growth()
-        larger = np.array([growth.get(name, 1.0) for name in estimate.names])
-        covariance = estimate.covariance * np.outer(larger, larger)
-        allowed[joint] = replace(estimate, values=np.array(values), covariance=covariance)
-    return allowed
+        larger = np.array([growth.get(name, 1.0) for name in drive.names])
+        covariance = drive.covariance * np.outer(larger, larger)
+        drives[joint] = replace(drive, values=np.array(values), covariance=covariance)
+        findings += [_optimum(joint, drives[joint], x) for x in condition.competing.get(joint, ())]
+    return replace(estimate, drives=drives, findings=(*estimate.findings, *findings))
+
+
+def _optimum(joint: str, estimate: Estimate, drive: Drive) -> Finding:
+    """Return the finding of an optimum, a drive that explains the log as well as its estimate."""
+    # (7) has the sum of spring and torque offset, which the estimate may have apart.
+    names = [x for x in estimate.names if x in drive.values and x != "spring_offset"]
+    alone, values = estimate.of_names(names), {str(name): drive.values[name] for name in names}
+    is_far = np.abs([*values.values()] - alone.values) > NORMAL_95 * alone.standard_errors
+    searched = (name for name, x in PARAMETERS.items() if name in values and x.starts)
+    texts = (f"{x.replace('_', ' ')} {values[x]:.3g} {unit_of(drive, x)}" for x in searched)
+    return competing_optimum(joint, {**values, "values": listed(texts)}, any(is_far))
 
 
 _LEAST, _MOST = 1e-4, 2.0
@@ -146,17 +160,18 @@ class _Search:
         """The regressor of the equation of the side."""
         return self.drive.regressor(self.drive.robot, self.drive.joint)
 
-    def best(self, drive: Drive, starts: Sequence[Array], scale: Scale) -> Drive:
-        """Return the drive with the values of its parameters at the best of the local optima.
+    def optima(self, drive: Drive, starts: Sequence[Array], scale: Scale) -> list[Drive]:
+        """Return the drive with its parameters at the best optimum, and at those that compete.
 
-        A rotor inertia has none, with which it would be known.
+        A rotor inertia has no value, with which it would be known.
         """
         of_name = zip(self.regressor.non_linear, np.transpose(starts).tolist(), strict=True)
         bounds = np.array([bounds_of(name, scale, values) for name, values in of_name])
-        optimum = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
+        optima = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
         names = *self.regressor.non_linear, *self.linear
-        values = dict(zip(names, np.concatenate(optimum).tolist(), strict=True))
-        return with_values(drive, {x: y for x, y in values.items() if x != "motor_inertia"})
+        kept = [place for place, name in enumerate(names) if name != "motor_inertia"]
+        at = map(np.concatenate, optima)
+        return [with_values(drive, {names[place]: x[place] for place in kept}) for x in at]
 
     def error_growth(self) -> dict[str, float]:
         """Return by which factors errors of the drive's parameters are larger than by tangents."""
@@ -286,8 +301,8 @@ _LEAST_RETURN = 0.01
 keeps one value, which is an offset."""
 
 
-def check_reversals(condition: Condition, joints: Sequence[str]) -> None:
-    """Raise IdentificationError for hysteresis in a position that never returns."""
+def missing_reversals(condition: Condition, joints: Sequence[str]) -> Iterator[str]:
+    """Yield which hysteresis the motions do not show, as its position never returns."""
     robot, motions = condition.robot, condition.motions
     for joint in joints:
         drive, index = robot.drives[joint], robot.index(joint)
@@ -305,7 +320,7 @@ def check_reversals(condition: Condition, joints: Sequence[str]) -> None:
             # A motion in one direction has only one of them, so that the smaller is the return.
             returned, moved = max(map(min, turns)), max(1e-12, *map(max, turns))
             if returned < _LEAST_RETURN * moved:
-                raise IdentificationError(
+                yield (
                     f"joint '{joint}': its {field} has hysteresis ('dahl'), and the {what} never "
                     f"turns back: it moves by {moved:.3g} {unit} and returns by "
                     f"{returned:.2g} {unit}. Log a motion with reversals, whose {what} returns "
@@ -371,9 +386,11 @@ def linearised(condition: Conditioned, joints: Sequence[str]) -> Conditioned:
     stay as they are. Raises IdentificationError if a linear spring has no stiffness to start from,
     and for a hysteresis without reversals.
     """
-    check_reversals(condition, joints)
+    for reason in missing_reversals(condition, joints):
+        raise IdentificationError(reason)
     nonlinear = _nonlinear(condition, joints)
     starts, scales = dict[str, Mapping[str, float]](), dict[str, Scale]()
+    competing = {**condition.competing}
     nominal, elastic = condition.robot.drives, {*condition.robot.elastic_joints}
     for joint in nonlinear:
         starts[joint] = _linear_start(condition, joint) if joint in elastic else {}
@@ -386,13 +403,16 @@ def linearised(condition: Conditioned, joints: Sequence[str]) -> Conditioned:
         ((_, search),), drive = _searches(condition, [joint]), condition.robot.drives[joint]
         names, of_joint = search.regressor.non_linear, (starts[joint], scales[joint])
         points = [np.array([drive.values[name] for name in names])]
-        if turn < len(nonlinear):
+        if is_first := turn < len(nonlinear):
             points = _grid(names, nominal[joint], *of_joint)
-        condition = condition.with_drives({joint: search.best(drive, points, scales[joint])})
+        best, *others = search.optima(drive, points, scales[joint])
+        condition = condition.with_drives({joint: best})
+        # A second sweep starts from the best one, and finds no others.
+        competing[joint] = others if is_first else competing[joint]
     drives, searches = condition.robot.drives, _searches(condition, nonlinear)
     condition = condition.with_drives({x: search.with_fixed(drives[x]) for x, search in searches})
     _check_warm_up(condition, joints)
-    return condition
+    return replace(condition, competing=competing)
 
 
 def _nonlinear(condition: Condition, joints: Iterable[str]) -> list[str]:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 from scipy import linalg
@@ -66,11 +66,16 @@ _NEEDED = (STIFFNESS, "spring_offset", "deflection_zero")
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """What was logged in one condition: its robot, datasets, and joints with a torque in use."""
+    """What was logged in one condition: its robot, datasets, and joints with a torque in use.
+
+    `competing` {joint: drives} are at other optima of the searches of nonlinear parameters, which
+    the data do not distinguish from those of the robot.
+    """
 
     robot: Robot
     datasets: Sequence[Dataset]
     used: Sequence[str]
+    competing: Mapping[str, Sequence[Drive]] = field(default_factory=dict, kw_only=True)
 
     def with_drives(self, drives: Mapping[str, Drive]) -> Self:
         """Return the condition with other drives at some joints."""

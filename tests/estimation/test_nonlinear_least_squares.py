@@ -371,7 +371,7 @@ def two_decays(truth: tuple[float, float, float], noise: float = 0.0, seed: int 
 @settings(derandomize=True, deadline=None)
 def test_without_noise_the_truth_is_found(a: float, b: float, v: float) -> None:
     columns, slopes = two_decays((a, b, v))
-    nonlinear, linear = separable_least_squares(
+    ((nonlinear, linear),) = separable_least_squares(
         columns, slopes, [np.array([0.5])], np.array([0.01]), np.array([10.0])
     )
     np.testing.assert_allclose(nonlinear, [v], rtol=1e-6)
@@ -384,12 +384,13 @@ def test_the_best_of_several_starts_is_taken_on() -> None:
     columns, slopes = two_decays((1.0, 2.0, 4.0), noise=0.05)
     bounds = np.array([1e-3]), np.array([50.0])
     far = [np.array([1e-3]), np.array([3.0]), np.array([50.0])]
-    found, _ = separable_least_squares(columns, slopes, far, *bounds)
-    near, _ = separable_least_squares(columns, slopes, [np.array([4.0])], *bounds)
+    ((found, _),) = separable_least_squares(columns, slopes, far, *bounds)
+    ((near, _),) = separable_least_squares(columns, slopes, [np.array([4.0])], *bounds)
     assert found == pytest.approx(near, rel=1e-6)
     assert found[0] == pytest.approx(4.0, rel=0.1)
     columns, slopes = two_decays((1.0, 0.0, 1.0))
-    (without,), linear = separable_least_squares(columns, slopes, [np.array([0.5])], *bounds)
+    starts = [np.array([0.5])]
+    (((without,), linear),) = separable_least_squares(columns, slopes, starts, *bounds)
     assert 1e-3 <= without <= 50.0
     assert np.all(np.isfinite(linear))
 
@@ -401,6 +402,27 @@ def test_errors_are_those_of_tangents_where_the_misfit_is_a_parabola(
     """That of the size of a decay in the noise, whose rate may be anything, is larger."""
     columns, slopes = two_decays((1.0, size, 1.0), noise=0.02)
     bounds = np.array([1e-3]), np.array([50.0])
-    best, _ = separable_least_squares(columns, slopes, [np.array([1.0])], *bounds)
+    ((best, _),) = separable_least_squares(columns, slopes, [np.array([1.0])], *bounds)
     larger = error_growth(columns, slopes, [best, np.array([0.1]), np.array([5.0])], *bounds)
     assert growth[0] <= larger[1] < growth[1]
+
+
+@pytest.mark.parametrize(("size", "rates"), [(2.0, [8.0]), (1.0, [5.0, 8.0])])
+def test_the_optima_that_the_data_do_not_distinguish_are_returned(
+    size: float, rates: list[float]
+) -> None:
+    """One of two waves in a target is the better optimum if it is larger; the best comes first."""
+    rng = np.random.default_rng(0)
+    target = size * np.sin(8.0 * TIME) + np.sin(5.0 * TIME) + 0.02 * rng.normal(size=len(TIME))
+
+    def columns(v: Array) -> tuple[Array, Array]:
+        return target, np.sin(v[0] * TIME)[:, None]
+
+    def slopes(v: Array, theta: Array) -> Array:
+        return np.asarray((theta[0] * TIME * np.cos(v[0] * TIME))[:, None])
+
+    starts, bounds = [np.array([v]) for v in (4.9, 5.1, 7.9, 8.1)], np.array([[1.0], [20.0]])
+    optima = separable_least_squares(columns, slopes, starts, *bounds)
+    assert sorted(v[0] for v, _ in optima) == pytest.approx(rates, rel=0.05)
+    misfits = [float(np.sum((target - np.sin(v[0] * TIME) * theta) ** 2)) for v, theta in optima]
+    assert misfits == sorted(misfits)

@@ -293,6 +293,23 @@ def test_a_term_that_is_not_there_is_found_to_be_nothing(field: str, term: str, 
 
 
 @pytest.mark.findings
+def test_an_optimum_that_the_log_does_not_exclude_is_a_doubt() -> None:
+    """Noise makes the wrong law fit best: the right one is named, which the errors exclude."""
+    truth = with_named_friction(
+        robot(two=with_terms(ELASTIC, *FRICTION["smooth, quadratic and stribeck"]))
+    )
+    log = noisy_log(exact_motion(truth), 0.02, 2e-5, seed=0)
+    found = found_in(log, truth)
+    assert abs(found.drives["two"].value("stribeck_speed") - 20.0) > 40.0
+    (doubt,) = (x for x in found.warnings if x.code == "competing-optima")
+    assert (doubt.joint, doubt.severity) == ("two", "doubtful")
+    assert doubt.evidence["stribeck_speed"] == pytest.approx(20.0, rel=0.2)
+    assert "stribeck speed 22.5 rad/s" in doubt.message
+    clear = found_in(noisy_log(exact_motion(truth), 0.003, 2e-5, seed=0), truth)
+    assert not any(x.code == "competing-optima" for x in clear.warnings)
+
+
+@pytest.mark.findings
 def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:
     known = robot(STIFF, with_terms(ELASTIC, SPRINGS["cubic and preload"][0], {}))
     found = identified(known, free_motion(), ["one"])
