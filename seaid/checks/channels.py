@@ -16,7 +16,6 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, in_description, in_drives
 from seaid.checks.engine import Check, looks_for
 from seaid.checks.experiment import Experiment
-from seaid.checks.instants import stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, listed
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
@@ -317,7 +316,8 @@ def _is_locked(drive: Drive, log: Log, joint: str) -> bool:
     if not np.all(np.isfinite([motor, output])) or is_constant(motor):
         return False
     behind = motor / total_ratio(drive)
-    return bool(np.ptp(behind) < tol.LARGEST_DEFLECTION_RAD) and stands_locked(output, behind)
+    least = tol.HARDLY * np.ptp(behind)
+    return bool(np.ptp(behind) < tol.LARGEST_DEFLECTION_RAD and np.ptp(output) < least)
 
 
 def _standing(logged: Logged) -> Iterator[Finding]:

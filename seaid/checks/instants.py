@@ -411,7 +411,8 @@ class Instants:
         not average out.
         """
         motor, joint, given = self.motor[0][:, j], self.turned[0][:, j], float(self.ratio[j])
-        if not self.both[j] or stands_locked(self.lever[j] * joint, motor):
+        # a joint that stands still while its motor moves shows no ratio
+        if not self.both[j] or np.ptp(self.lever[j] * joint) < tol.HARDLY * np.ptp(motor):
             return math.nan, math.nan
         if self.robot.joint_names[j] not in self.robot.elastic_joints:
             slope, error = self.encoder_slope(j)
@@ -460,11 +461,6 @@ class Instants:
 def fitted(columns: Sequence[Array], y: Array) -> tuple[Array, Array]:
     """Return the parameters of y (R,) by columns, and their covariance, at instants far apart."""
     return qr_factor.fitted_columns(np.column_stack(columns), y, tol.CORRELATED_ERRORS, 1)
-
-
-def stands_locked(joint: Array, motor: Array) -> bool:
-    """Return whether a joint stands still while its motor moves, both (T,) at the same side."""
-    return bool(np.ptp(joint) < tol.HARDLY * np.ptp(motor))
 
 
 def _windows(logs: Sequence[Sequence[Motion]]) -> Iterator[tuple[int, Motion]]:

@@ -34,7 +34,8 @@ from seaid.checks.terms import (
 )
 from seaid.checks.values import competing_optimum
 from seaid.drives import PARAMETERS, Drive, unit_of
-from seaid.drives.drives import NORMAL_95, deflection
+from seaid.drives.controller import NORMAL_95
+from seaid.drives.drives import deflection
 from seaid.drives.regressor import DriveRegressor
 from seaid.drives.terms import COULOMB, LEVEL_OF, WARM_UP, parameter_named
 from seaid.errors import Finding, IdentificationError, listed
