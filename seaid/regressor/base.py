@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen, safely
 from seaid._progress import Result, counted
-from seaid.drives.terms import COMMANDS
+from seaid.drives import COMMANDS
 from seaid.errors import ExcitationError, RobotError, SeaidError, Seed, checked
 from seaid.robot import coupled_groups
 from seaid.robot.transmission import rows_at_drives
