@@ -291,9 +291,13 @@
   addEventListener("beforeprint", () => { opened = [...document.querySelectorAll("details:not([open])")]; opened.forEach((one) => { one.open = true; }); });
   addEventListener("afterprint", () => { opened.forEach((one) => { one.open = false; }); });
 
-  // A link to a code opens its cause and advice.
+  // A link to a notice opens its cause and advice, and what it is folded in.
   const showLinked = () => {
-    for (let part = at(location.hash.slice(1)); part?.matches("details"); part = part.parentElement.closest("details")) part.open = true;
+    const linked = at(location.hash.slice(1));
+    if (!linked?.matches(".notice")) return;
+    linked.querySelectorAll("details").forEach((one) => { one.open = true; });
+    for (let part = linked.closest("details"); part; part = part.parentElement.closest("details")) part.open = true;
+    linked.scrollIntoView();
   };
   addEventListener("hashchange", showLinked);
 
