@@ -82,29 +82,25 @@ def hebi_project(folder: Path, name: str = "arm") -> tuple[str, ...]:
     return "run", name
 
 
-def two_identifications(_: Path) -> tuple[str, ...]:
-    """Return a process that prints the times of its first and its second identification."""
-    return (
-        "-c",
-        "import time, warnings; warnings.simplefilter('ignore')\n"
-        f"import sys; sys.path.append({str(ROOT)!r})\n"
-        "from scripts.benchmarks.fast import identification, seconds\n"
-        "work, _ = identification()\n"
-        "print(seconds(work), seconds(work))",
-    )
-
-
-def checks_in_one_run(_: Path) -> tuple[str, ...]:
-    """Return a process that prints the times of the checks and of the fit of one identification."""
+def of_identification(lines: str) -> tuple[str, ...]:
+    """Return a process that runs lines with `work`, the identification of the leg."""
     return (
         "-c",
         "import warnings; warnings.simplefilter('ignore')\n"
         f"import sys; sys.path.append({str(ROOT)!r})\n"
-        "from scripts.benchmarks.fast import checks_and_fit, identification\n"
-        "work, _ = identification()\n"
-        "work()\n"
-        "print(*checks_and_fit(work))",
+        "from scripts.benchmarks.fast import checks_and_fit, identification, seconds\n"
+        f"work, _ = identification()\n{lines}",
     )
+
+
+def two_identifications(_: Path) -> tuple[str, ...]:
+    """Return a process that prints the times of its first and its second identification."""
+    return of_identification("print(seconds(work), seconds(work))")
+
+
+def checks_in_one_run(_: Path) -> tuple[str, ...]:
+    """Return a process that prints the times of the checks and of the fit of one identification."""
+    return of_identification("work(); print(*checks_and_fit(work))")
 
 
 OF_CHECKS = ("/seaid/checks/", "/identification/checking.py", "/identification/sensitivity.py")
