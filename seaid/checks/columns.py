@@ -274,11 +274,13 @@ _LAWS = ("cubic", "fifth", "dead_zone", "dahl", "damping")
 
 def _terms(side: Side, joint: str, field: str, terms: Sequence[str]) -> list[engine.Candidate]:
     """Return the terms of a field that a drive lacks and can have, as candidates."""
+    possible = list(possible_terms(side.robot.drives[joint], {field: terms}))
+    if not possible:  # the rows of the drive are not needed
+        return []
     width = side.widths.get(joint)
     # Widths of Coulomb friction from the one that the encoders resolve to 32 times as much.
     grids = {} if width is None else {"coulomb_width": [width * 2.0**k for k in range(6)]}
     drive = side.drive(joint, at_joint=field in ("parallel_spring", "joint_friction"))
-    possible = possible_terms(side.robot.drives[joint], {field: terms})
     return term_candidates(drive, possible, grids)
 
 

@@ -194,9 +194,8 @@ class ModelComparison:
     def criterion(self, rows: float) -> float:
         """Return the information criterion for a number of independent rows, larger if better."""
         # BIC with its sign turned: -n log(RSS / RSS_0) - k log n (Schwarz 1978).
-        return -rows * math.log(max(1 - self.explained, tol.LEAST)) - self.parameters * math.log(
-            rows
-        )
+        of_misfit = math.log(max(1 - self.explained, tol.LEAST))
+        return -rows * of_misfit - self.parameters * math.log(rows)
 
 
 Model = TypeVar("Model")
@@ -557,7 +556,7 @@ class Equation:
         rows, whole = np.any(np.hstack(columns) != 0, axis=1), self.weighted(np.hstack(columns))
         of_joints = [rows & (self.rows.joint == x) for x in np.unique(self.rows.joint[rows])]
         # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
-        # torque, and tol.NEGLIGIBLE is a ratio of rms values.
+        # torque, and NEGLIGIBLE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
         residual, torque = self.squares(rows), min(torques, default=0.0)
         most = tol.MOST * residual if candidate.field == "delay" else math.inf
@@ -743,9 +742,8 @@ def _accepted(
         larger = before.with_alternatives([trial.alternative])
         rows = np.any(trial.alternative.columns != 0, axis=1)
         # Over the residual of the fit, not of this step: the shares at the same rows add up.
-        share = (before.squares(rows) - larger.squares(rows)) / max(
-            equation.squares(rows), tol.LEAST
-        )
+        whole = max(equation.squares(rows), tol.LEAST)
+        share = (before.squares(rows) - larger.squares(rows)) / whole
         is_fitted = np.any(larger.rows.H[:, :p] != 0, axis=0)
         change = np.where(is_fitted, larger.values[:p] - before.values[:p], 0.0)
         others = tuple(x for x in rivals[trial.candidate] if x.candidate.name not in names)
